@@ -1,17 +1,20 @@
 //! The command line, as design.md fixes it.
 
 mod again;
+mod codes;
+mod fault;
 mod windows;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 pub use again::Again;
+pub use fault::{CampaignArgs, FaultCommand, InjectArgs};
 pub use windows::WindowArgs;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
 #[derive(Debug, Parser)]
-#[command(name = "hystation", version)]
+#[command(name = "hystation", version, after_help = codes::ALL)]
 pub struct Cli {
     /// Name of the station; several run side by side and never meet.
     #[arg(long, global = true, default_value = "default")]
@@ -79,6 +82,7 @@ pub enum Command {
         json: bool,
     },
     /// Put another engine in the place of a role's while the station runs; rolls back by itself.
+    #[command(after_help = codes::SWAP)]
     Swap {
         /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
         role: String,
@@ -89,6 +93,7 @@ pub enum Command {
         json: bool,
     },
     /// Check an engine before a swap, or a driver before a session, in a private station of its own, and say what is wrong with it.
+    #[command(after_help = codes::CONFORMANCE)]
     Conformance {
         /// A role, as for `swap`; or driver.
         role: String,
@@ -203,87 +208,6 @@ fn speed(text: &str) -> Result<f64, String> {
     speed.ok_or_else(|| format!("{text:?} is no speed between 0.01 and 100"))
 }
 
-/// Faults on purpose.
-#[derive(Debug, Subcommand)]
-pub enum FaultCommand {
-    /// The kinds of faults.
-    List,
-    /// Inject a fault.
-    Inject(InjectArgs),
-    /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
-    Campaign(CampaignArgs),
-}
-
-/// Arguments of `fault inject`.
-#[derive(Clone, Debug, Args)]
-pub struct InjectArgs {
-    /// Kind, see `fault list`.
-    pub kind: String,
-    /// PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
-    pub target: String,
-    /// After this time a stopped process is continued, or ends what it was asked to do.
-    #[arg(long = "for", value_parser = seconds)]
-    pub for_s: Option<f64>,
-    /// Not now, but at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead.
-    #[arg(long)]
-    pub tick: Option<String>,
-    /// With --tick: so many µs after the tick has begun, 0 to 999.
-    #[arg(long = "phase", requires = "tick", value_parser = clap::value_parser!(u32).range(0..1_000))]
-    pub phase_us: Option<u32>,
-    /// Not now, but when the station is in this state: idle, contact, cutting, recovery or swap; it is waited for a minute.
-    #[arg(long, conflicts_with = "tick")]
-    pub state: Option<String>,
-    /// slow: a step takes so many times as long, 1 to 100.
-    #[arg(long)]
-    pub factor: Option<f64>,
-    /// slow: and so much longer: 500us, 2ms.
-    #[arg(long = "extra", value_parser = seconds)]
-    pub extra_s: Option<f64>,
-    /// slow: what is added varies by this share of it, 0 to 1.
-    #[arg(long)]
-    pub jitter: Option<f64>,
-    /// leak-memory: MiB per second; leak-files: files per second.
-    #[arg(long)]
-    pub rate: Option<f64>,
-    /// crash-loop: how many successors die, 1 to 20.
-    #[arg(long)]
-    pub times: Option<u32>,
-    /// corrupt: page, stream, link, checkpoint, station or roster.
-    #[arg(long = "where")]
-    pub place: Option<String>,
-    /// corrupt: how many bytes.
-    #[arg(long)]
-    pub bytes: Option<u32>,
-    /// corrupt: what they are drawn from.
-    #[arg(long)]
-    pub seed: Option<u64>,
-}
-
-/// Arguments of `fault campaign`.
-#[derive(Clone, Debug, Args)]
-pub struct CampaignArgs {
-    /// The campaign (TOML); examples are in assets/campaigns.
-    pub file: PathBuf,
-    /// Seed of the plan, instead of the file's.
-    #[arg(long)]
-    pub seed: Option<u64>,
-    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. The same folder again goes on where it ended.
-    #[arg(long)]
-    pub report: Option<PathBuf>,
-    /// Print the plan, and do nothing else.
-    #[arg(long)]
-    pub plan: bool,
-    /// Repeat this one fault of the plan, at the same tick and phase; one in a swap so long after the same stage of it.
-    #[arg(long, conflicts_with_all = ["plan", "batch"])]
-    pub only: Option<usize>,
-    /// At most so many faults in this run; the next run with the same folder goes on.
-    #[arg(long, requires = "report")]
-    pub batch: Option<usize>,
-    /// The report as JSON on stdout.
-    #[arg(long)]
-    pub json: bool,
-}
-
 /// Arguments of `report`.
 #[derive(Clone, Debug, Args)]
 pub struct ReportArgs {
@@ -338,6 +262,9 @@ pub struct RunArgs {
     /// Stop when the process that started this one has ended, however.
     #[arg(long, hide = true)]
     pub with_parent: bool,
+    /// A folder for what it writes, made with the station and removed with it.
+    #[arg(long, hide = true)]
+    pub passing: Option<PathBuf>,
     /// What it shares with `replay`.
     #[command(flatten)]
     pub station: StationArgs,
@@ -371,6 +298,16 @@ mod tests {
         assert_eq!([seconds("30s"), seconds("2m"), seconds("500ms"), seconds("1.5")], [Ok(30.0), Ok(120.0), Ok(0.5), Ok(1.5)]);
         for bad in ["", "s", "-1s", "nan", "25h", "1d", "ü"] {
             assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_the_exit_codes_of_a_verdict_mean_stands_in_the_help() {
+        for line in ["", "swap", "conformance", "fault inject", "fault campaign"] {
+            let words = format!("hystation {line} --help");
+            let help = Cli::try_parse_from(words.split_whitespace()).unwrap_err().to_string();
+            let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped
+            assert!(["Exit codes: 0 ", "; 1 ", "; 2 ", "; 3 "].iter().all(|code| help.contains(code)), "{line}: {help}");
         }
     }
 

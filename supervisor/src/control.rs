@@ -2,9 +2,17 @@
 //!
 //! Promise: whatever is sent, the answer is a line of JSON with a key `ok`; a line that is too long, a connection too many or a client
 //! that sends nothing or does not read is ended; none of them holds another one or the supervisor, which only ever sees whole and valid requests.
+//!
+//! A command may be of another build than the supervisor that runs. A fault or a swap with a key that this one does not know is refused, and never done without
+//! it; to answers keys are only ever added, and whoever asks takes what is missing for not said ([`crate::struck`]).
+
+mod ask;
+
+pub use ask::{NoAnswer, ask, ask_once};
 
 use crate::faultfile::Injection;
 use crate::keepers::Suffered;
+use crate::struck::{NotDone, Struck};
 use crate::supervise::Input;
 use hyst_exchange::Station;
 use rustix::event::{PollFd, PollFlags, Timespec};
@@ -17,16 +25,12 @@ use std::time::{Duration, Instant};
 
 /// Longest request or answer line that is accepted, bytes.
 pub const MOST_BYTES: usize = 64 * 1024;
-/// Longest answer that a client takes: a report with some thousands of faults.
-const MOST_ANSWER_BYTES: usize = 16 * 1024 * 1024;
 /// Clients that are waited for at the same time; the oldest makes room for a newcomer.
 const MOST_CLIENTS: usize = 64;
 /// Requests that the main loop may have at the same time: it takes deaths first, and these one at a time.
 const MOST_ASKED: usize = 8;
 /// Connections that are taken between two looks at those that wait.
 const MOST_ACCEPTED: usize = 256;
-/// Times that a client asks: in a flood it may be the one that made room.
-const TRIES: usize = 5;
 /// A client that has not sent a line by then is ended.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// The main loop answers within milliseconds.
@@ -71,15 +75,18 @@ pub fn bad(reason: &str) -> String {
     serde_json::json!({ "ok": false, "error": reason }).to_string()
 }
 
-/// Why somebody who asked has no good answer.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoAnswer {
-    /// It was refused; nothing was done.
-    #[error("{0}")]
-    Refused(String),
-    /// Nobody said. What was asked for may have been begun, by one who died or had to make room before he could say so, or may be yet.
-    #[error("{0}")]
-    Unanswered(String),
+/// An answer that carries why something was done by half. Who was built before there were such answers takes it for a refusal.
+pub fn half(reason: &str) -> String {
+    serde_json::json!({ "ok": false, "error": reason, "half": true }).to_string()
+}
+
+/// The answer to a fault.
+pub fn struck(struck: Result<Struck, NotDone>) -> String {
+    match struck {
+        Ok(struck) => good(serde_json::json!(struck)),
+        Err(NotDone { reason, is_half: true }) => half(&reason),
+        Err(NotDone { reason, is_half: false }) => bad(&reason),
+    }
 }
 
 /// The answer to something that is to be done.
@@ -254,48 +261,6 @@ fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize
     Ok(None)
 }
 
-/// Asks the supervisor of a station; the error says why there is no answer. What does nothing is asked for again.
-pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
-    let is_deed = matches!(request, Request::Swap { .. } | Request::Fault(_) | Request::Suffered(_));
-    let mut answer = ask_once(station, request);
-    for _ in 1..if is_deed { 1 } else { TRIES } {
-        if !matches!(answer, Err(NoAnswer::Unanswered(_))) {
-            break;
-        }
-        answer = ask_once(station, request);
-    }
-    answer.map_err(|error| error.to_string())
-}
-
-/// Asks once.
-pub fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Value, NoAnswer> {
-    let path = station.control_socket();
-    let name = station.name();
-    let gone = |error: std::io::Error| {
-        let cure = format!("`hystation --name {name} status` says whether it runs");
-        NoAnswer::Refused(format!("station {name}: no supervisor answers at {}: {error}; {cure}", path.display()))
-    };
-    let mut stream = UnixStream::connect(&path).map_err(gone)?;
-    stream.set_read_timeout(Some(2 * ANSWER_WITHIN)).map_err(gone)?;
-    let line = serde_json::to_string(request).map_err(|e| NoAnswer::Refused(e.to_string()))?;
-    let silent = |why: &str| NoAnswer::Unanswered(format!("station {name}: {why}"));
-    stream.write_all(format!("{line}\n").as_bytes()).map_err(|error| silent(&error.to_string()))?;
-    let mut text = String::new();
-    let read = stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text);
-    if text.is_empty() {
-        return Err(silent("it closed the connection without an answer"));
-    }
-    read.map_err(|error| silent(&error.to_string()))?;
-    let answer: serde_json::Value =
-        serde_json::from_str(&text).map_err(|error| silent(&format!("the answer is damaged: {error}")))?;
-    let reason = || answer["error"].as_str().unwrap_or("refused").to_string();
-    match (answer["ok"].as_bool(), answer["unanswered"].as_bool()) {
-        (Some(true), _) => Ok(answer["value"].clone()),
-        (_, Some(true)) => Err(silent(&reason())),
-        _ => Err(NoAnswer::Refused(reason())),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -357,8 +322,12 @@ mod tests {
         std::thread::spawn(move || {
             for input in inbox {
                 if let Input::Request(request, reply) = input {
-                    let large = (request == Request::Report).then(|| good("x".repeat(LARGE).into()));
-                    let _ = reply.send(large.unwrap_or_else(|| good(serde_json::json!(request == Request::Status))));
+                    let answer = match request {
+                        Request::Report => good("x".repeat(LARGE).into()),
+                        Request::Kinds => half("one of two"),
+                        _ => good(serde_json::json!(request == Request::Status)),
+                    };
+                    let _ = reply.send(answer);
                     if request == Request::Report {
                         let _ = say_asked.send(());
                     }
@@ -367,10 +336,21 @@ mod tests {
         });
         let path = station.control_socket();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
-        let garbage: [&[u8]; 5] = [b"\n", b"{}\n", b"\xff\xfe\n", b"{\"do\":\"dance\"}\n", b"{\"do\":\"fault\",\"kind\":1}\n"];
+        // The last two are of a later build: it means something by that key, and must not be taken for one that does not.
+        let garbage: [&[u8]; 7] = [
+            b"\n",
+            b"{}\n",
+            b"\xff\xfe\n",
+            b"{\"do\":\"dance\"}\n",
+            b"{\"do\":\"fault\",\"kind\":1}\n",
+            b"{\"do\":\"fault\",\"kind\":\"kill\",\"target\":\"fluid\",\"tick\":0,\"state\":\"idle\"}\n",
+            b"{\"do\":\"swap\",\"role\":\"fluid\",\"binary\":\"/x\",\"when\":1}\n",
+        ];
         for line in garbage {
             assert!(raw(&path, line).starts_with("{\"error\""), "{line:?}");
         }
+        assert_eq!(ask_once(&station, &Request::Kinds), Err(NoAnswer::Half("one of two".into())));
+        assert!(raw(&path, b"{\"do\":\"kinds\"}\n").contains("\"ok\":false"), "a refusal to whoever knows no halves");
         raw(&path, &vec![b'x'; MOST_BYTES * 2]);
         assert_eq!(ask(&station, &Request::Status), Ok(serde_json::json!(true)));
         let _idle: Vec<UnixStream> = (0..MOST_CLIENTS / 2).map(|_| UnixStream::connect(&path).unwrap()).collect();

@@ -2,11 +2,15 @@
 
 mod kind;
 mod options;
+mod output;
 mod target;
+mod thread;
 
 pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
+pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
+pub use thread::Helper;
 
 use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
@@ -46,6 +50,12 @@ pub struct Injection {
     /// `crash-loop`: how many successors die.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<u32>,
+    /// What is a lie: by which output alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<Output>,
+    /// `block`: which thread beside its steps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thread: Option<Helper>,
     /// `corrupt`: where.
     #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
@@ -108,6 +118,8 @@ impl Injection {
             jitter: None,
             rate: None,
             times: None,
+            output: None,
+            thread: None,
             place: None,
             bytes: None,
             seed: None,
@@ -125,7 +137,8 @@ impl Injection {
         }
         match aim {
             Aim::Engines(target) => {
-                if let Some(reason) = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role)) {
+                let hindrance = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role));
+                if let Some(reason) = hindrance.or_else(|| self.untold(target.role)).or_else(|| self.unhelped(target.role)) {
                     return Err(format!("{} {}: {reason}", self.kind.name(), self.target));
                 }
                 self.check_options()?;

@@ -69,6 +69,8 @@ pub struct Faults {
     page: OwnedPage,
     roster: Roster,
     schedule: Vec<Injection>,
+    /// The places of the station, by which it is known whether it is whole.
+    pub slots: Vec<Slot>,
     open: Open,
     /// Closed faults.
     pub closed: Vec<Fault>,
@@ -102,6 +104,7 @@ impl Faults {
             page: station.open_for_keeping()?,
             roster: Roster::open(station)?,
             schedule: schedule.to_vec(),
+            slots: Vec::new(),
             ledger: Ledger::resume(open.counted),
             open,
             closed: text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect(),

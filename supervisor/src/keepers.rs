@@ -4,13 +4,15 @@
 //! A death is told of by whoever replaces the dead. What lasted for a time, and was outlived, nobody else knows of: whoever did it tells the supervisor.
 //! Nobody else would end it, either: whoever did it and is interrupted (Ctrl-C, SIGTERM, SIGHUP) ends it first.
 
-use crate::control::{self, Request};
+use crate::control::{self, NoAnswer, Request};
+use crate::doing::Doing;
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use crate::remains::{self, Living};
 use crate::shortage::{self, Lowered};
+use crate::struck::{Hit, Struck};
 use crate::{moment, proc};
 use hyst_exchange::{Station, system};
-use hyst_messages::Slot;
+use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -115,17 +117,32 @@ fn strike(pid: u32, kind: FaultKind) -> Result<Option<Lowered>, String> {
     Ok(None)
 }
 
-/// Does what the command line says, and stays until its end. Says whether it lasted as long as it was asked for: false where the command was interrupted.
-pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Result<bool, String> {
+/// Does what the command line says, and stays until its end. Says what was done, and whether it lasted as long as it was asked for: false where the command was
+/// interrupted.
+pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Result<(Struck, bool), NoAnswer> {
     let interrupted = Arc::new(AtomicBool::new(false));
     // Before anybody is hurt: a signal that comes just after that must not end this process first.
     for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|error| format!("signals: {error}"))?;
+        signal_hook::flag::register(signal, Arc::clone(&interrupted))
+            .map_err(|error| NoAnswer::Refused(format!("signals: {error}")))?;
     }
+    let (hurt, struck) = strike_at(station, keepers, injection).map_err(NoAnswer::Refused)?;
+    let lasted = injection.for_s.map_or(Ok(true), |for_s| hurt.last_for(station, for_s, &interrupted));
+    let has_lasted =
+        lasted.map_err(|reason| NoAnswer::Unanswered(format!("it was done and has ended, and the report lacks it: {reason}")))?;
+    Ok((struck, has_lasted))
+}
+
+/// Does it at its tick.
+fn strike_at(station: &Station, keepers: Keepers, injection: &Injection) -> Result<(Hurt, Struck), String> {
+    let page = station.open().map_err(|error| error.to_string())?;
     let moment_ns = match injection.tick {
         0 => 0,
-        tick => station.open().map_err(|error| error.to_string())?.start_of(tick) + u64::from(injection.phase_us) * 1_000,
+        tick => page.start_of(tick) + u64::from(injection.phase_us) * 1_000,
     };
     let hurt = Hurt::at(station, keepers, injection.kind, moment_ns)?;
-    injection.for_s.map_or(Ok(true), |for_s| hurt.last_for(station, for_s, &interrupted))
+    let hit = |(role, (victim, _)): (&Role, &(Living, _))| Hit { process: role.name().into(), incarnation: 0, pid: victim.pid };
+    let victims = keepers.roles().iter().zip(&hurt.hit).map(hit).collect();
+    let struck = Struck { doing: Doing::now(station), ..Struck::at(&page, hurt.struck_ns, victims) };
+    Ok((hurt, struck))
 }

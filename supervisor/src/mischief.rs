@@ -1,9 +1,9 @@
 //! Engines that do wrong on request: the words in the station's page that ask them to, and what others have to say of them.
 
-use crate::faultfile::{FaultKind, Injection, default_rate};
+use crate::faultfile::{FaultKind, Helper, Injection, Output, default_rate};
 use crate::view::Viewer;
 use hyst_exchange::{OwnedPage, ReadPage};
-use hyst_messages::mischief::{Mischief, Request};
+use hyst_messages::mischief::{Mischief, Outlet, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
 use hyst_messages::{SLOTS, Slot};
@@ -46,6 +46,8 @@ pub fn ask(page: &OwnedPage, slot: Slot, incarnation: u32, injection: &Injection
         extra_us: (injection.extra_s.unwrap_or(0.0) * 1e6) as u32,
         jitter_percent: percent(injection.jitter),
         rate_per_s,
+        outlet: injection.output.map_or(Outlet::Steps, Output::outlet),
+        thread: injection.thread.map_or(Thread::Steps, Helper::thread),
     };
     let [word, until, extent] = request.words();
     let at = slot.number();
@@ -53,7 +55,7 @@ pub fn ask(page: &OwnedPage, slot: Slot, incarnation: u32, injection: &Injection
     page.store64(layout::MISCHIEF_UNTIL_NS + at, until);
     page.store64(layout::MISCHIEF_EXTENT + at, extent);
     page.store64(layout::MISCHIEF + at, word);
-    if what.is_waste() {
+    if what.is_waste() || request.thread == Thread::Usher {
         page.bump_and_wake(layout::CHANGES); // the thread that does it sleeps on this word
     }
     Some(until_ns)
@@ -99,7 +101,7 @@ fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {
 
 /// Whether a fault of this kind publishes what is not so.
 pub fn is_lie(kind: &str) -> bool {
-    FaultKind::from_name(kind).and_then(FaultKind::mischief).is_some_and(Mischief::is_lie)
+    FaultKind::from_name(kind).is_some_and(FaultKind::is_lie)
 }
 
 /// When and by whom an incarnation was first found out after a time, in what it was asked to do. That it is late, or differs from another that may be the one

@@ -154,6 +154,8 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let slots = plan.slots();
     let policy = State::new(&slots);
     let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
+    let mut faults = Faults::new(station, &plan.faults)?;
+    faults.slots.clone_from(&slots);
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
@@ -163,7 +165,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         cleaner: Cleaner::new(real_time),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
-        faults: Faults::new(station, &plan.faults)?,
+        faults,
         permit: Permit::new(&page, plan.end_tick),
         progress: Progress::new(crate::settings::is_replay(station), begun_ns),
         holders: roles::Holders::open(station)?,
@@ -387,7 +389,7 @@ impl Supervisor {
             Request::Fault(_) | Request::Suffered(_) if self.page.load32(layout::TEST_MODE) == 0 => {
                 control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE)
             }
-            Request::Fault(injection) => control::done(self.faults.inject(injection, &mut self.viewer)),
+            Request::Fault(injection) => control::struck(self.faults.inject(injection, &mut self.viewer)),
             Request::Suffered(suffered) => control::done(self.faults.suffered(suffered)),
         }
     }

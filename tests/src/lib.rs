@@ -226,13 +226,13 @@ impl Station {
         wait_for(RECOVERY_LIMIT, of_active).unwrap_or_else(|| panic!("no active {role}: {}", self.status()))
     }
 
-    /// Name and process id of a target as faults name it (`haptic:active`, `collision-worker:0`, `device`). The name is that of the slot: who is
+    /// Name and process id of a target as faults name it (`haptic:active`, `haptic:spare`, `collision-worker:0`, `device`). The name is that of the slot: who is
     /// active may have changed when a fault comes.
     pub fn victim(&self, target: &str) -> (String, i32) {
-        let active = target.strip_suffix(":active");
-        let is_it = |process: &&Value| match active {
-            Some(role) => process["name"].as_str().is_some_and(|name| name.starts_with(role)) && process["active"] == true,
-            None => process["name"] == target,
+        let is_of = |role: &str, process: &Value| process["name"].as_str().is_some_and(|name| name.starts_with(role));
+        let is_it = |process: &&Value| match target.split_once(':') {
+            Some((role, which @ ("active" | "spare"))) => is_of(role, process) && process["active"] == (which == "active"),
+            _ => process["name"] == target,
         };
         let named = || {
             let status = self.status();
@@ -312,10 +312,15 @@ impl Station {
         self.sample().force_n.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Deficit of the medium as the fluid says it that spoke last in the newest epoch, ml, and the tick of its state.
+    /// What the fluid says that spoke last in the newest epoch.
+    pub fn fluid_status(&self) -> FluidStatus {
+        self.fluid_statuses().into_iter().max_by_key(|status| (status.epoch, status.state_tick)).unwrap_or_default()
+    }
+
+    /// Deficit of the medium, ml, and the tick of the state that it is of.
     pub fn deficit(&self) -> (f64, u64) {
-        let newest = self.fluid_statuses().into_iter().max_by_key(|status| (status.epoch, status.state_tick));
-        newest.map(|status| (status.deficit_ml, status.state_tick)).unwrap_or_default()
+        let status = self.fluid_status();
+        (status.deficit_ml, status.state_tick)
     }
 
     /// Whether the fluid that holds the role has said something of a step of its own; one that is held still makes none.

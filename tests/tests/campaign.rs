@@ -128,6 +128,9 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     let found: Value = serde_json::from_str(&folder.read("out/only-1.json")).unwrap_or_else(|e| panic!("{e}\n{said}\n{errors}"));
     let outcome = &found["outcome"];
     let drawn: Value = serde_json::from_str(&folder.read("out/plan.json")).expect("JSON");
+    let printed: Value =
+        serde_json::from_str(&campaign(&[&file, "--plan", "--json", "--seed", "9"]).1).expect("nothing but JSON");
+    assert!(printed == drawn && !said.contains("\"exit_code\""), "programs get the plan, people no JSON: {printed:#}\n{said}");
     assert_eq!(outcome["planned_tick"], drawn["faults"][1]["tick"]);
     assert_eq!(outcome["fault"]["kind"], "kill", "{said}\n{errors}");
     // Where it came is what the station's own record says; on a machine that was busy at that very moment it is later, never earlier.
@@ -189,6 +192,7 @@ fn a_fault_that_has_a_result_is_repeated_where_it_came() {
         assert_repeated(before, code, &found);
     }
     assert_eq!(results(&folder).len(), 2, "a repetition is no result of the campaign");
+    assert!(!folder.as_path().join("out/swapped-collision-worker").exists(), "an engine lies among the results");
     assert_nothing_left();
 }
 

@@ -1,9 +1,11 @@
 //! `hystation conformance`: a good engine conforms, a bad one is told why not, what is no engine is refused; the private station ends with the command, however that
 //! ends.
 
+use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::{Folder, RECOVERY_LIMIT, bad_engine, binaries, hystation, run, wait_for};
+use station_tests::swapped::{got_no_time, swap};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -36,6 +38,7 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         ("fluid", binaries().join("example-engine"), 0, Some(true), ""),
         ("fluid", bad_engine(folder.as_path(), "fluid", "off"), 1, Some(false), "out of tolerance"),
         ("fluid", bad_engine(folder.as_path(), "fluid", "garbage"), 1, Some(false), ""),
+        ("fluid", bad_engine(folder.as_path(), "fluid", "panic"), 1, Some(false), ""),
         // Its author is not told that the machine is too busy.
         ("fluid", bad_engine(folder.as_path(), "fluid", "slow"), 1, Some(false), "missed its steps"),
         ("haptic", bad_engine(folder.as_path(), "haptic", "slow"), 1, Some(false), ""),
@@ -58,6 +61,11 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         assert!(checks.iter().any(|check| check["what"] == "  tolerance"), "{told:#}");
         let is_good = |what: &str| checks.iter().any(|check| check["what"] == what && check["good"] == true);
         assert!(is_good("leaves nothing behind") && is_good("comes back after its death") == (expected == 0), "{told:#}");
+        // Its own words, which were in a station that is gone.
+        let log = told["log"].as_array().cloned().unwrap_or_default();
+        assert!(log.is_empty() == (expected == 0) && log.len() <= 20, "{told:#}");
+        let is_panic = |line: &Value| line.as_str().is_some_and(|line| line.contains("a broken invariant"));
+        assert!(!binary.ends_with("bad.fluid.panic") || log.iter().any(is_panic), "{told:#}");
     }
     // A servo of the station's own, in another scene and under another hand; and a scene that is none.
     let own = binaries().join("haptic");
@@ -71,6 +79,30 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
     for (role, binary, words) in [("fluid", Path::new(&script), "ELF"), ("tissue", &binaries().join("fluid"), "is a fluid")] {
         let (code, _, said) = tried(role, binary);
         assert!(code == Some(2) && said.contains(words) && said.lines().count() == 1, "{code:?} {said}");
+    }
+}
+
+/// What no probation asks about.
+#[test]
+fn an_engine_that_passes_its_probation_is_told_what_else_is_wrong_with_it() {
+    let folder = Folder::new("conformance-own");
+    let cases = [
+        ("fluid", "wasteful", "allocates nothing in a step"),
+        ("fluid", "late", "makes its steps in time"),
+        ("fluid", "honest", "lies when it is asked to"),
+        ("fluid", "deaf", "ends with the station"),
+        ("rendering", "headstrong", "hangs when it is asked to"),
+    ];
+    for (role, kind, what) in cases.into_iter().filter(|(role, ..)| can_be_tried(role)) {
+        let (code, told, said) = tried(role, &bad_engine(folder.as_path(), role, kind));
+        if code == Some(3) {
+            not_shown(&format!("whether a {role} that is {kind} conforms: the machine was too busy"));
+            continue;
+        }
+        assert!(code == Some(1) && told["conforms"] == false, "{role} {kind}: {code:?} {told:#}\n{said}");
+        let checks = told["checks"].as_array().cloned().unwrap_or_default();
+        let is = |what: &str, good: bool| checks.iter().any(|check| check["what"] == what && check["good"] == good);
+        assert!(is("passes its probation", true) && is(what, false), "{role} {kind}: {told:#}");
     }
 }
 
@@ -90,19 +122,46 @@ fn the_stations_own_engines_conform() {
         for what in ["refuses bad arguments", "  tolerance", "passes its probation", "comes back after its death"] {
             assert!(checks.iter().any(|check| check["what"] == what), "{role}: {what:?} was not tried: {told:#}");
         }
+        let is_tried = |what: &str| checks.iter().any(|check| check["what"] == what);
+        assert!(is_tried("hangs when it is asked to") && is_tried("ends with the station"), "{role}: {told:#}");
+        let is_computed_from = ["tissue", "collision-worker", "device"].contains(&role);
+        for what in ["allocates nothing in a step", "lies when it is asked to"] {
+            assert_eq!(is_tried(what), is_computed_from, "{role}: {what:?}: {told:#}");
+        }
     }
 }
 
+/// The example is for scenes in which nothing is cut: it would leave each vessel that is open then without blood, and each that is coagulated open again.
 #[test]
-fn a_conformance_that_is_killed_leaves_no_station_behind() {
-    let mut command = hystation();
-    command.args(["conformance", "fluid"]).arg(binaries().join("fluid")).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut begun = command.spawn().expect("hystation");
-    let name = format!("conformance-{}", begun.id());
-    assert!(wait_for(RECOVERY_LIMIT, || (leftovers(&name).len() > 3).then_some(())).is_some(), "no private station");
-    begun.kill().expect("it is ours");
-    begun.wait().expect("it is ours");
-    let gone = wait_for(RECOVERY_LIMIT, || leftovers(&name).is_empty().then_some(()));
-    assert!(gone.is_some(), "left: {:?}", leftovers(&name));
-    let _ = std::fs::remove_dir_all(std::env::temp_dir().join(&name)); // nobody was left to do it
+fn an_engine_that_knows_of_no_vessels_conforms_where_there_is_none_and_is_rolled_back_where_one_is_open() {
+    let station = Station::start("no-vessels", &["--hand", "script:polyp", "--test-mode"]);
+    let open = wait_for(RECOVERY_LIMIT, || (station.fluid_status().open_vessels > 0).then_some(()));
+    assert!(open.is_some(), "the hand has opened no vessel: {}", station.said());
+    let (code, record, said) = swap(&station, "fluid", &binaries().join("example-engine"));
+    if got_no_time(&record) {
+        not_shown("whether an engine that knows of no vessels is rolled back: the machine gave it no time");
+        return;
+    }
+    assert!(code == Some(1) && record["cause"] == "out-of-tolerance", "{code:?} {record:#}\n{said}");
+    assert!(record["reason"].as_str().is_some_and(|reason| reason.contains("vessels")), "{record:#}");
+    station.stop().assert_clean();
+}
+
+/// Ctrl-C left the folder with the recording of the private station.
+#[test]
+fn a_conformance_that_is_ended_leaves_no_station_and_no_folder_behind() {
+    for (role, signal) in [("fluid", Signal::KILL), ("recorder", Signal::INT)] {
+        let mut command = hystation();
+        command.args(["conformance", role]).arg(binaries().join(role)).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut begun = command.spawn().expect("hystation");
+        let name = format!("conformance-{}", begun.id());
+        let folder = std::env::temp_dir().join(&name);
+        let runs = || (leftovers(&name).len() > 3 && folder.is_dir()).then_some(());
+        assert!(wait_for(RECOVERY_LIMIT, runs).is_some(), "no private station");
+        let pid = rustix::process::Pid::from_raw(begun.id() as i32).expect("a process id");
+        rustix::process::kill_process(pid, signal).expect("it is ours");
+        begun.wait().expect("it is ours");
+        let gone = wait_for(RECOVERY_LIMIT, || (leftovers(&name).is_empty() && !folder.exists()).then_some(()));
+        assert!(gone.is_some(), "{signal:?} left: {:?}, {}: {}", leftovers(&name), folder.display(), folder.exists());
+    }
 }

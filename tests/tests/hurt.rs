@@ -49,6 +49,17 @@ const TRIES: usize = 5;
 /// Outputs that are wrong, each in its own way.
 const KINDS: [&str; 9] = ["nan", "inf", "range", "stamp", "replay", "epoch", "frozen", "layout", "ahead"];
 
+/// Outputs by which nothing but NaN is told, each alone, and who may find it: other readers, who are not to be spared by a faster one.
+const BY_ONE: [(&str, &str, &[&str]); 7] = [
+    ("tissue:active", "state", &["tissue"]),
+    ("tissue:active", "cell", &["device"]),
+    ("tissue:active", "topology", &["collision-worker", "fluid"]),
+    ("tissue:active", "job", &["collision-worker"]),
+    ("fluid:active", "state", &["fluid"]),
+    ("fluid:active", "cell", &["device"]),
+    ("haptic:spare", "force", &["recorder"]),
+];
+
 /// Who tells each lie, or every second of them in turn, so that each lie is told by two and each tells half of them. `HYSTATION_LIES=all` has all told by
 /// all, as `assets/campaigns/lies.toml` does 24 times each.
 fn liars(round: usize) -> impl Iterator<Item = &'static str> {
@@ -201,13 +212,13 @@ fn both_servos_that_die_at_once_leave_a_force_that_fades_and_comes_back() {
 
 /// Has a process lie until it is replaced. One that lost the role between look and lie says nothing more that somebody could refuse: then the
 /// lie ends by itself, and the next one is asked. Gives the kind, and the incarnation that was replaced for it.
-fn lie<'a>(station: &Station, kind: &'a str, target: &str) -> (&'a str, u64) {
+fn lie<'a>(station: &Station, kind: &'a str, target: &str, options: &str) -> (&'a str, u64) {
     for _ in 0..TRIES {
         let (victim, pid) = station.victim(target);
         let status = station.status();
         let of_pid = status["processes"].as_array().and_then(|all| all.iter().find(|process| process["pid"] == pid));
         let Some(incarnation) = of_pid.and_then(|process| process["incarnation"].as_u64()) else { continue };
-        station.inject(&format!("{kind} {victim} --for 2s"));
+        station.inject(&format!("{kind} {victim} --for 2s{options}"));
         station.wait_until_over(pid);
         if !station.has_process(pid) {
             return (kind, incarnation);
@@ -228,7 +239,7 @@ fn wrong_output_is_refused_by_its_reader_and_never_applied() {
             if ["epoch", "layout"].contains(&kind) && victim == "haptic:active" {
                 continue; // a force is no message: it has no epoch, and its page's layout was checked when it was opened
             }
-            told.push(lie(&station, kind, victim));
+            told.push(lie(&station, kind, victim, ""));
             station.recover();
         }
     }
@@ -244,6 +255,30 @@ fn wrong_output_is_refused_by_its_reader_and_never_applied() {
         println!("{} {}: found by {} after {} us", fault["kind"], fault["target"], fault["detected_by"], fault["detected_us"]);
         assert!(done && wrong == Some(0), "{fault:#}\n{}", ended.said);
     }
+}
+
+#[test]
+fn a_lie_by_one_output_alone_is_found_by_who_reads_that_and_no_reader_dies_of_it() {
+    let station = Station::start("outputs", &["--hand", "script:press", "--test-mode"]);
+    let mut told = Vec::new();
+    for (target, output, readers) in BY_ONE {
+        let (_, incarnation) = lie(&station, "nan", target, &format!(" --output {output}"));
+        told.push((incarnation, output, readers));
+        station.recover();
+    }
+    station.run_ticks(2 * BETWEEN_TICKS);
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+    for (incarnation, output, readers) in told {
+        let fault = ended.faults("nan").into_iter().find(|fault| fault["incarnation"] == incarnation);
+        let fault = fault.unwrap_or_else(|| panic!("no fault of incarnation {incarnation}\n{}", ended.said));
+        let by = fault["detected_by"].as_str().and_then(|name| name.split(':').next()).unwrap_or_default();
+        println!("{output} of {}: found by {} after {} us", fault["target"], fault["detected_by"], fault["detected_us"]);
+        let done = fault["manifested"] == true && fault["recovered_us"].is_number() && fault["window"]["wrong"] == 0;
+        assert!(done && readers.contains(&by), "{fault:#}\n{}", ended.said);
+    }
+    assert_eq!(ended.died_unasked(), Vec::<&Value>::new(), "{}", ended.said);
 }
 
 /// Commands that no motor may follow: the hardware keeps the last one, ramps it, and the device is replaced.

@@ -36,9 +36,10 @@ fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_com
         let tick = clock.tick_at(system::now_ns()) + LATER_TICKS;
         let words = format!("kill tissue:spare --tick {tick} --phase {PHASE_US}");
         let asked = run(hystation().args(["--name", station.name(), "fault", "inject"]).args(words.split(' ')));
-        (asked.0 == Some(0)).then_some(tick)
+        (asked.0 == Some(0)).then_some((tick, asked.1))
     });
-    let later_tick = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    let (later_tick, told) = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    assert!(told.starts_with("kill: tissue:") && told.contains(" at tick "), "{told}");
     station.run_ticks(1_000);
     station.recover();
     let ended = station.stop();
@@ -76,8 +77,8 @@ fn a_fault_waits_for_the_state_that_a_tester_names() {
     for (state, touches) in [("contact", true), ("idle", false)] {
         // Between the fault and this look the hand may move on.
         let is_so = || {
-            let (code, _, said) = run(&mut inject("haptic:spare", state));
-            assert_eq!(code, Some(0), "{state}: {said}");
+            let (code, told, said) = run(&mut inject("haptic:spare", state));
+            assert!(code == Some(0) && told.contains(&format!("in state {state}")), "{state}: {code:?} {told} {said}");
             let contacts = station.tissue_status().contact_count;
             station.recover();
             ((contacts > 0) == touches).then_some(())

@@ -84,6 +84,9 @@ fn refuse_nonsense(station: &Station) {
         let is_clear = out.is_empty() && said.lines().count() == 1 && said.contains(words);
         assert!(code == Some(2) && is_clear, "{kind:?} {target:?}: {code:?} {out:?} {said}");
     }
+    // What only the supervisor knows to be impossible.
+    let (code, _, said) = run(hystation().args(["--name", station.name(), "fault", "inject", "undo", "recorder"]));
+    assert!(code == Some(2) && said.contains("nothing is being done to it that could end"), "{code:?} {said}");
     assert_eq!((station.pids(), station.events().matches("injected").count()), before, "{}", station.said());
     station.run_ticks(200);
     assert!(station.is_whole(), "{}\n{}", station.status(), station.said());

@@ -2,7 +2,8 @@
 //! writes its hits in place.
 //!
 //! Promise: a release is always answered; what cannot be computed (the state has not come, say) is answered with nothing, and the
-//! coordinator computes it.
+//! coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it would be laid to
+//! whoever found them.
 
 use hyst_contact::{HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
 use hyst_engine::lane::Follower;
@@ -12,9 +13,11 @@ use hyst_exchange::roster::Roster;
 use hyst_exchange::synchronized::synchronized_process;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Links, Publisher, ReadPage, Subscriber, allocation, system};
+use hyst_messages::mischief::Outlet;
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, job_hash};
+use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, job_hash, topology_is_sound};
 use std::sync::Arc;
 
 /// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
@@ -47,6 +50,15 @@ struct Worker<'a> {
     hits: Vec<Hit>,
     tells: fn(usize) -> usize,
     lies: Lies,
+}
+
+/// Why nothing comes of a share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Nothing {
+    /// Something of what it is made of is not there.
+    Absent,
+    /// What this tissue has sent for it cannot be.
+    Invalid(u32),
 }
 
 /// The whole life of a worker.
@@ -100,8 +112,10 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         life.misbehave();
         let woken_ns = system::now_ns();
         // What cannot be computed is computed by the coordinator; the release is answered all the same.
-        if worker.borrow_mut().share(release).is_none() {
-            life.page.add64(header::INVALID, 1);
+        match worker.borrow_mut().share(release) {
+            Ok(()) => {}
+            Err(Nothing::Absent) => life.page.add64(header::INVALID, 1),
+            Err(Nothing::Invalid(tissue)) => life.refuse(tissue, Distrust::Invalid),
         }
         life.drag(woken_ns);
         let page = &life.page;
@@ -135,6 +149,28 @@ fn follow(sources: &mut [Source], followed: &mut Option<usize>, member: &mut Pro
     }
 }
 
+/// A job as it is read in place.
+struct Job<'a> {
+    header: StreamHeader,
+    points_m: &'a [[f32; 3]],
+    hash: HashRef<'a>,
+    owner: &'a [u32],
+    node: &'a [u32],
+    /// From which point on they meet their own object alone, and from which distance on, m, as bits.
+    own: [u32; 2],
+}
+
+/// The job in a message; `None` if it is none that can be: its table is of its points, each of which has an owner and a node.
+fn job_of(bytes: &[u8]) -> Option<Job<'_>> {
+    let message = Message::parse(bytes, Kind::CollisionJob).ok()?;
+    let points_m: &[[f32; 3]] = message.section(0).ok()?;
+    let hash = HashRef::in_words(message.section(1).ok()?).ok()?;
+    let (owner, node): (&[u32], &[u32]) = (message.section(2).ok()?, message.section(3).ok()?);
+    let &[only_from, beyond] = message.section::<u32>(4).ok()? else { return None };
+    let is_whole = hash.is_of(points_m) && owner.len() == points_m.len() && node.len() == points_m.len();
+    is_whole.then_some(Job { header: *message.header(), points_m, hash, owner, node, own: [only_from, beyond] })
+}
+
 impl Worker<'_> {
     /// Whether it follows the holder of the tissue's role, and has all that a release of his is answered from.
     fn can_answer(&self, member: &ProcessMember) -> bool {
@@ -149,9 +185,15 @@ impl Worker<'_> {
         }
         for source in &mut self.sources {
             // Whose it was may be dead, and the last message of a stream is unmapped with it: not on this thread.
-            if let Some(held) = source.topologies.as_ref().and_then(|stream| stream.newest().ok()?)
-                && let Some(before) = source.topology.replace(held)
-            {
+            let newest = source.topologies.as_ref().and_then(|stream| Some((stream.incarnation(), stream.newest().ok()??)));
+            let Some((tissue, held)) = newest else { continue };
+            let before = if topology_is_sound(held.bytes()) {
+                source.topology.replace(held)
+            } else {
+                self.life.refuse(tissue, Distrust::Invalid);
+                Some(held)
+            };
+            if let Some(before) = before {
                 self.inbox.retire(Departure::Message(before));
             }
         }
@@ -181,7 +223,7 @@ impl Worker<'_> {
     }
 
     /// The share of a release: the job of the coordinator that released, and the state that the job is about.
-    fn share(&mut self, release: Release) -> Option<()> {
+    fn share(&mut self, release: Release) -> Result<(), Nothing> {
         for source in &mut self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?) {
                 source.state = Some(held);
@@ -189,11 +231,20 @@ impl Worker<'_> {
         }
         let of_coordinator =
             |source: &&Source| source.jobs.as_ref().is_some_and(|jobs| jobs.incarnation() == release.coordinator);
-        let job = self.sources.iter().find(of_coordinator)?.jobs.as_ref()?.newest().ok()??;
-        let job = Message::parse(job.bytes(), Kind::CollisionJob).ok()?;
+        let jobs = self.sources.iter().find(of_coordinator).and_then(|source| source.jobs.as_ref());
+        let held = jobs.and_then(|jobs| jobs.newest().ok()?).ok_or(Nothing::Absent)?;
+        let job = job_of(held.bytes()).ok_or(Nothing::Invalid(release.coordinator))?;
+        let (header, about) = (job.header, job_hash(bytemuck::cast_slice(job.points_m)));
+        let count = self.found(&job, release.index as u32).ok_or(Nothing::Absent)?;
+        let share = Share { index: release.index as u32, count: header.words[0], split: Split::Tets };
+        self.answer(header, share, (self.tells)(count).min(count), about).ok_or(Nothing::Absent)
+    }
+
+    /// How many hits are found in a share of a job, in the state that it is about.
+    fn found(&mut self, job: &Job<'_>, index: u32) -> Option<usize> {
         let about = |held: &&Held| {
             Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| {
-                let (state, job) = (state.header(), job.header());
+                let (state, job) = (state.header(), &job.header);
                 (state.tick, state.epoch as u64, state.incarnation) == (job.tick, job.input_tick, job.words[1])
             })
         };
@@ -202,19 +253,14 @@ impl Worker<'_> {
         let version = state.header().topology_version;
         let mut topologies = self.sources.iter().filter_map(|source| source.topology.as_ref());
         let topology = topologies.find_map(|held| Message::topology(held.bytes(), version))?;
-        let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
+        let share = Share { index, count: job.header.words[0], split: Split::Tets };
         let tissue =
             Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
-        let &[only_from, beyond] = job.section::<u32>(4).ok()? else { return None };
+        let [only_from, beyond] = job.own;
         let own = OwnContact { rest_m: topology.section(7).ok()?, beyond_m: f32::from_bits(beyond), only_from };
-        let points = Points { owner: job.section(2).ok()?, node: job.section(3).ok()?, own: Some(own) };
-        let hash = HashRef::in_words(job.section(1).ok()?).ok()?;
-        let found = intersect(share, &hash, &points, &tissue, &mut self.hits).ok()?;
-        if found.dropped > 0 {
-            return None;
-        }
-        let about = job_hash(job.section(0).ok()?);
-        self.answer(*job.header(), share, (self.tells)(found.count).min(found.count), about)
+        let points = Points { owner: job.owner, node: job.node, own: Some(own) };
+        let found = intersect(share, &job.hash, &points, &tissue, &mut self.hits).ok()?;
+        (found.dropped == 0).then_some(found.count)
     }
 
     /// The hits, and which points they are of: hits that stand still while the tool moves are not taken for new ones.
@@ -236,7 +282,7 @@ impl Worker<'_> {
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::Contacts, header, &sections).ok()?;
         message.section::<Hit>(0).ok()?.copy_from_slice(&self.hits[..count]);
         message.section::<u64>(1).ok()?.fill(job_hash);
-        self.lies.tell_message(self.life, loan.bytes_mut());
+        self.lies.tell_message(self.life, Outlet::State, loan.bytes_mut());
         loan.send().ok()?;
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
         Some(())
@@ -246,8 +292,32 @@ impl Worker<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_contact::{HashMut, HashSizes, Layout};
     use hyst_exchange::Station;
     use hyst_messages::Slot;
+
+    /// What such a job is answered with is not what its coordinator finds, and the worker would be replaced for it.
+    #[test]
+    fn a_job_whose_table_is_of_other_points_or_in_which_one_has_no_owner_is_none() {
+        let points_m = [[0.0f32, 0.0, 0.01], [0.0, 0.001, 0.01], [0.002, 0.0, 0.012]];
+        let sizes = HashSizes::for_points(points_m.len());
+        let is_taken = |owners: usize, change: fn(&mut MessageMut<'_>)| {
+            let sections = [36, 4 * sizes.words(), 4 * owners, 12, 8];
+            let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+            let mut message = MessageMut::format(bytes, Kind::CollisionJob, StreamHeader::default(), &sections).unwrap();
+            message.section::<[f32; 3]>(0).unwrap().copy_from_slice(&points_m);
+            let mut table = HashMut::in_words(message.section::<u32>(1).unwrap(), sizes).unwrap();
+            table.build(&points_m, 0.002, Layout::Auto).unwrap();
+            change(&mut message);
+            job_of(bytemuck::cast_slice(&memory)).is_some()
+        };
+        assert!(is_taken(3, |_| ()), "a good one");
+        assert!(!is_taken(2, |_| ()), "a point of nobody");
+        assert!(!is_taken(3, |it| it.section::<f32>(0).unwrap()[4] = f32::NAN));
+        assert!(!is_taken(3, |it| it.section::<f32>(0).unwrap()[8] = 0.5));
+        assert!(!is_taken(3, |it| it.section::<u32>(1).unwrap()[0] = f32::NAN.to_bits()), "no table");
+    }
 
     #[test]
     fn a_role_that_comes_back_to_the_holder_before_is_followed_again() {

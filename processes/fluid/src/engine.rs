@@ -5,6 +5,7 @@ mod inputs;
 mod pace;
 #[cfg(test)]
 mod tests;
+mod tissues;
 
 use crate::afford::is_step;
 use crate::cavity::{Cavity, Tissue};
@@ -21,7 +22,7 @@ use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, Horizon, Subscriber, system};
+use hyst_exchange::{Held, Horizon, system};
 use hyst_flow::{FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
@@ -30,21 +31,10 @@ use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
+use tissues::{TISSUES, TissueSource, key_of, positions_are_sane, topology_of};
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas, vessels that are coagulated.
 const SECTIONS: usize = seals::SECTION + 1;
-/// No node of a patient's organ is farther from the pivot, m.
-const FARTHEST_M: f32 = 10.0;
-/// Tissues whose streams are read: holder, spare and a newcomer on trial.
-const TISSUES: usize = 3;
-
-#[derive(Default)]
-struct TissueSource {
-    states: Option<Subscriber>,
-    topologies: Option<Subscriber>,
-    /// Its newest topology.
-    topology: Option<Held>,
-}
 
 /// The engine.
 pub struct FlowEngine<'a> {
@@ -178,9 +168,7 @@ impl<'a> FlowEngine<'a> {
                     self.life.page.add64(header::INVALID, 1);
                 }
             }
-            if let Some(held) = source.topologies.as_ref().and_then(|stream| stream.newest().ok()?) {
-                source.topology = Some(held);
-            }
+            source.take_topology(self.life);
         }
     }
 
@@ -258,26 +246,6 @@ impl<'a> FlowEngine<'a> {
 /// The flaws of walls of which so many numbers were replaced.
 fn flaws_of(replaced: u32, is_open: bool) -> u32 {
     (if replaced > 0 { WALLS_REPLACED } else { 0 }) | (if is_open { WALLS_OPEN } else { 0 })
-}
-
-/// The topology that a state of the tissue is of, from whichever tissue has sent it.
-fn topology_of<'a>(sources: &'a [TissueSource], state: &Message<'_>) -> Option<Message<'a>> {
-    let version = state.header().topology_version;
-    let mut all = sources.iter().filter_map(|source| source.topology.as_ref());
-    all.find_map(|held| Message::topology(held.bytes(), version))
-}
-
-/// Whether a tissue's nodes are where an organ can be; the walls stay as they are until they are again.
-fn positions_are_sane(held: &Held) -> bool {
-    let message = Message::parse(held.bytes(), Kind::TissueState);
-    let positions = message.and_then(|message| message.section::<f32>(1));
-    positions.is_ok_and(|values| values.iter().fold(true, |all, value| all & (value.abs() <= FARTHEST_M)))
-}
-
-/// Epoch and tick of a held state, if it is one of the role's.
-fn key_of(held: &Held) -> Option<(u32, u64)> {
-    let header = *Message::parse(held.bytes(), Kind::TissueState).ok()?.header();
-    (!header.is_shadow()).then_some((header.epoch, header.tick))
 }
 
 impl Stateful for FlowEngine<'_> {

@@ -1,9 +1,10 @@
 //! The drain: an ordinary thread of the servo's process that publishes the device's force and tool records as a stream, so that the way from
 //! hand to force touches no stream. Both replicas publish; a reader takes each tick once.
 
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Liar, Life};
 use hyst_exchange::usher::{Departure, Port, Wanted, usher};
 use hyst_exchange::{Links, Publisher, ReadPage, system};
+use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::page::device as layout;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{AppliedRecord, Kind, MessageMut, Role, StreamHeader};
@@ -41,12 +42,14 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let incarnation = life.incarnation;
-    let loses_a_loan = life.loan_loser()?;
+    let (loses_a_loan, mut lies) = (life.loan_loser()?, life.liar(Outlet::Force, bytes)?);
+    let stalls = life.staller(Thread::Drain)?;
     let body = move || {
         system::demote(0); // a servo is real time while it starts
         let mut device: Option<ReadPage> = None;
         let (mut next, mut refused) = (0, 0);
         while !stopped.load(Ordering::Acquire) {
+            stalls(&stopped);
             while let Some(arrival) = inbox.take() {
                 let Port::Page(page) = arrival.port else { continue };
                 if let Some(before) = device.replace(page) {
@@ -57,7 +60,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
                 publisher.lose(bytes);
             }
             if let Some(device) = &device {
-                let published = publish(&publisher, device, next, incarnation);
+                let published = publish(&publisher, device, next, incarnation, &mut lies);
                 refused = if published.is_none() { refused + 1 } else { 0 };
                 assert!(refused < MOST_REFUSED, "no block of the force stream can be had any more");
                 next = published.unwrap_or(next);
@@ -71,7 +74,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
 
 /// Publishes the records from `next` on; gives the tick after the last one, `None` if there was no block to write into. What cannot be sent is sent
 /// again with the next.
-fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32) -> Option<u64> {
+fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32, lies: &mut Liar) -> Option<u64> {
     let end = device.ring_end(layout::APPLIED);
     let first = next.max(end.saturating_sub(BATCH as u64));
     if end <= first {
@@ -87,5 +90,6 @@ fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32
         // A tick that the device skipped stays zero, with tick 0, and is skipped by the reader.
         *record = device.ring(layout::APPLIED, tick).unwrap_or_default();
     }
+    lies.tell(loan.bytes_mut());
     Some(if loan.send().is_ok() { end } else { next })
 }

@@ -4,6 +4,7 @@ use hyst_engine::{Failure, Life};
 use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
 use hyst_recording::sequence::RING_TICKS;
@@ -63,6 +64,12 @@ impl StatusPage {
         self.next_step = self.next_step.max(end);
         (first..end).filter_map(|tick| self.page.ring(tissue::STEPS, tick))
     }
+}
+
+/// The records of a servo's message at a tick, if all of them can be.
+fn records_of(message: &[u8], present: u64) -> Option<&[AppliedRecord]> {
+    let records: &[AppliedRecord] = Message::parse(message, Kind::Force).ok()?.section(0).ok()?;
+    records.iter().all(|record| record.can_be(present)).then_some(records)
 }
 
 /// All sources, and the next tick that is expected of them.
@@ -191,10 +198,10 @@ impl Gather {
         for (_, stream) in &self.streams {
             for _ in 0..=READER_BUFFER {
                 let Ok(Some(held)) = stream.next() else { break };
-                let records = Message::parse(held.bytes(), Kind::Force).and_then(|message| message.section::<AppliedRecord>(0));
-                match records {
-                    Ok(records) => records.iter().for_each(|record| self.collector.offer(*record)),
-                    Err(_) => life.page.add64(header::INVALID, 1),
+                match records_of(held.bytes(), life.tick()) {
+                    Some(records) => records.iter().for_each(|record| self.collector.offer(*record)),
+                    // What was in it is in the device's ring too.
+                    None => life.refuse(stream.incarnation(), Distrust::Invalid),
                 }
             }
         }

@@ -11,23 +11,38 @@ const PATIENCE_NS: u64 = 500_000_000;
 /// Most objects in an answer.
 const MAX_RECORDS: usize = rendering::MAX_OBJECTS;
 
+/// An answer that makes no sense, and the incarnation that gave it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Senseless(pub u32);
+
+/// An answer: how the scope sees, and how each object looks.
+pub type Answer = (ScopeRecord, Vec<AppearanceRecord>);
+
 /// The asking side.
 #[derive(Debug, Default)]
 pub struct Looks {
-    clients: [Option<ProcessClient>; REPLICAS],
+    clients: [Option<(u32, ProcessClient)>; REPLICAS],
     wanted: bool,
+    /// Answers since then that made no sense: each tissue is believed to be able to give another one, and asked no more than that.
+    senseless: usize,
     asked: Option<usize>,
     last: usize,
     until_ns: u64,
 }
 
 /// The records of an answer, the scope's and the objects'; `None` for one that makes no sense.
-fn records(answer: &[u8]) -> Option<(ScopeRecord, Vec<AppearanceRecord>)> {
+fn records(answer: &[u8]) -> Option<Answer> {
     let (head, objects) = answer.split_at_checked(size_of::<ScopeRecord>())?;
     let size = size_of::<AppearanceRecord>();
     let scope: ScopeRecord = bytemuck::pod_read_unaligned(head);
-    let sound = objects.len().is_multiple_of(size) && objects.len() / size <= MAX_RECORDS && is_sound(&scope);
-    sound.then(|| (scope, objects.chunks_exact(size).map(bytemuck::pod_read_unaligned).collect()))
+    let is_whole = objects.len().is_multiple_of(size) && objects.len() / size <= MAX_RECORDS && is_sound(&scope);
+    let read = || objects.chunks_exact(size).map(bytemuck::pod_read_unaligned).collect::<Vec<AppearanceRecord>>();
+    Some((scope, is_whole.then(read)?)).filter(|(_, objects)| objects.iter().all(can_be_drawn))
+}
+
+/// Whether colour and roughness are shares.
+fn can_be_drawn(record: &AppearanceRecord) -> bool {
+    record.colour.iter().chain([&record.roughness]).all(|share| (0.0..=1.0).contains(share))
 }
 
 /// Whether a scope can be drawn and looked through.
@@ -57,36 +72,33 @@ pub fn appearance(record: &AppearanceRecord) -> Appearance {
 impl Looks {
     /// The looks are needed, again.
     pub fn want(&mut self) {
-        (self.wanted, self.asked) = (true, None);
+        (self.wanted, self.asked, self.senseless) = (true, None, 0);
     }
 
     /// A tissue, or its successor.
-    pub fn replace(&mut self, index: usize, client: ProcessClient) {
-        self.clients[index] = Some(client);
+    pub fn replace(&mut self, index: usize, incarnation: u32, client: ProcessClient) {
+        self.clients[index] = Some((incarnation, client));
         if self.asked == Some(index) {
             self.asked = None;
         }
     }
 
-    /// The answer, once; asks if it is time to.
-    pub fn poll(&mut self, now_ns: u64) -> Option<(ScopeRecord, Vec<AppearanceRecord>)> {
+    /// The answer, once; asks if it is time to. After one that makes no sense another tissue is asked.
+    pub fn poll(&mut self, now_ns: u64) -> Option<Result<Answer, Senseless>> {
         if !self.wanted {
             return None;
         }
         if let Some(index) = self.asked {
-            let answer = self.clients[index].as_mut().map(Client::poll);
+            let answer = self.clients[index].as_mut().map(|(tissue, client)| (*tissue, client.poll()));
             match answer {
-                Some(Ok(Some(bytes))) => {
-                    (self.wanted, self.asked) = (false, None);
-                    return records(&bytes);
-                }
-                Some(Ok(None)) if now_ns < self.until_ns => return None,
+                Some((tissue, Ok(Some(bytes)))) => return Some(self.take(records(&bytes), tissue)),
+                Some((_, Ok(None))) if now_ns < self.until_ns => return None,
                 _ => self.asked = None, // gone, silent or broken: the next one is asked
             }
         }
         for _ in 0..REPLICAS {
             self.last = (self.last + 1) % REPLICAS;
-            if let Some(client) = &mut self.clients[self.last]
+            if let Some((_, client)) = &mut self.clients[self.last]
                 && client.begin(b"objects ").is_ok()
             {
                 (self.asked, self.until_ns) = (Some(self.last), now_ns + PATIENCE_NS);
@@ -95,11 +107,45 @@ impl Looks {
         }
         None
     }
+
+    fn take(&mut self, answer: Option<Answer>, tissue: u32) -> Result<Answer, Senseless> {
+        self.senseless += usize::from(answer.is_none());
+        (self.wanted, self.asked) = (answer.is_none() && self.senseless < REPLICAS, None);
+        answer.ok_or(Senseless(tissue))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_colour_that_is_none_makes_an_answer_senseless_and_others_are_asked_as_often_as_there_are_some() {
+        let scope = ScopeRecord {
+            field_of_view_rad: 1.6,
+            periphery_ratio: 0.5,
+            shaft_radius_m: 0.0025,
+            shaft_length_m: 0.3,
+            ..ScopeRecord::default()
+        };
+        let answer = |colour: [f32; 3], roughness: f32| {
+            let object = AppearanceRecord { colour, roughness, ..AppearanceRecord::default() };
+            records(&[bytemuck::bytes_of(&scope), bytemuck::bytes_of(&object)].concat())
+        };
+        let good = answer([0.0, 0.5, 1.0], 0.3);
+        assert!(good.is_some());
+        for (colour, roughness) in [([0.1, f32::NAN, 0.1], 0.3), ([0.1; 3], f32::INFINITY), ([1e9, 0.1, 0.1], 0.3)] {
+            assert_eq!(answer(colour, roughness), None, "{colour:?} {roughness}");
+        }
+        let mut looks = Looks::default();
+        looks.want();
+        for senseless in 1..=REPLICAS {
+            assert_eq!(looks.take(None, 7), Err(Senseless(7)));
+            assert_eq!(looks.wanted, senseless < REPLICAS);
+        }
+        looks.want();
+        assert_eq!((looks.take(good.clone(), 8).ok(), looks.wanted), (good, false));
+    }
 
     #[test]
     fn an_answer_of_another_length_is_no_answer() {

@@ -7,8 +7,11 @@ use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
-use hyst_messages::{FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader, TissueStatus};
+use hyst_messages::{
+    FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader, TissueStatus, topology_is_sound,
+};
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
 pub const REPLICAS: usize = 3;
@@ -117,7 +120,7 @@ impl Sources {
             (Role::Tissue, Port::Stream(Kind::Topology, stream)) => self.topologies[index].replace(stream).map(Departure::Stream),
             (Role::Fluid, Port::Stream(Kind::FluidState, stream)) => self.fields[index].replace(stream).map(Departure::Stream),
             (Role::Tissue, Port::Client(Kind::Appearance, client)) => {
-                self.looks.replace(index, client);
+                self.looks.replace(index, arrival.incarnation, client);
                 None
             }
             _ => None,
@@ -145,11 +148,14 @@ impl Sources {
         move |key| self.horizons[index].is_passed_by(key, SLOWEST_STEP_TICKS, &self.clock)
     }
 
-    /// The topology that states of this version belong to, from whichever tissue has sent it.
-    pub fn topology(&mut self, version: u32) -> Option<&Held> {
+    /// The topology that states of this version belong to, from whichever tissue has sent it. One that cannot be stands in nobody's way: who sent it is named.
+    pub fn topology(&mut self, life: &Life, version: u32) -> Option<&Held> {
         for (stream, held) in self.topologies.iter().zip(&mut self.held) {
-            if let Some(Ok(Some(newest))) = stream.as_ref().map(Subscriber::newest) {
-                *held = Some(newest);
+            let Some(stream) = stream else { continue };
+            match stream.newest() {
+                Ok(Some(newest)) if topology_is_sound(newest.bytes()) => *held = Some(newest),
+                Ok(Some(_)) => life.refuse(stream.incarnation(), Distrust::Invalid),
+                _ => {}
             }
         }
         self.held.iter().flatten().find(|held| Message::topology(held.bytes(), version).is_some())

@@ -25,11 +25,13 @@ pub struct Room {
     pub triangles: usize,
     /// Objects of tissue.
     pub objects: usize,
+    /// Regions of material that the scene has, of which there come no more.
+    pub regions: usize,
 }
 
 impl Room {
     /// Half as much again as the scene has, and what a few strokes through a coarse mesh need.
-    pub fn for_body(body: &Body, objects: usize) -> Room {
+    pub fn for_body(body: &Body, objects: usize, regions: usize) -> Room {
         let more = |count: usize, least: usize| count + (count / 2).max(least);
         Room {
             nodes: more(body.rest.positions_m.len(), 768),
@@ -37,6 +39,7 @@ impl Room {
             vertices: more(body.skin.rest_m.len(), 2_048),
             triangles: more(body.skin.triangles.len(), 4_096),
             objects,
+            regions,
         }
     }
 
@@ -52,6 +55,9 @@ pub(crate) const COUNTS: usize = 5;
 fn words_of(&[nodes, tets, vertices, triangles, objects]: &[usize; COUNTS]) -> usize {
     COUNTS + 4 * nodes + 5 * tets + 8 * vertices + bits_of(vertices) + 3 * triangles + objects
 }
+
+/// Bits of a tet's word that name its object; those above name what it is made of.
+const OBJECT_BITS: u32 = 16;
 
 /// Words of so many flags.
 fn bits_of(flags: usize) -> usize {
@@ -74,6 +80,8 @@ fn flags_of_words(words: &[u32], count: usize) -> Option<Vec<bool>> {
 pub struct Body {
     /// The shape at rest; the region of a tet is its object.
     pub rest: TetMesh,
+    /// What each tet is made of: 0 for what its object is, else one of the scene's regions of material, counted from 1. Empty where the scene has none.
+    pub material: Vec<u32>,
     /// Whether a node is held.
     pub fixed: Vec<bool>,
     /// The surface for the eye: vertices and triangles of an object lie together, in the order of the objects.
@@ -97,7 +105,8 @@ impl Body {
         words.extend_from_slice(bytemuck::cast_slice(&self.rest.positions_m));
         words.extend(self.fixed.iter().map(|fixed| u32::from(*fixed)));
         words.extend_from_slice(self.rest.tets.as_flattened());
-        words.extend_from_slice(&self.rest.regions);
+        let made_of = |tet: usize| self.material.get(tet).map_or(0, |material| material << OBJECT_BITS);
+        words.extend(self.rest.regions.iter().enumerate().map(|(tet, object)| object | made_of(tet)));
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.rest_m));
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.bindings));
         words.extend(self.skin.raw.chunks(u32::BITS as usize).map(word_of_flags));
@@ -123,7 +132,9 @@ impl Body {
         let positions_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * nodes));
         let fixed = take(nodes).iter().map(|word| *word != 0).collect();
         let corners: &[[u32; 4]] = bytemuck::cast_slice(take(4 * tets));
-        let regions = take(tets);
+        let kinds = take(tets);
+        let regions: Vec<u32> = kinds.iter().map(|kind| kind & ((1 << OBJECT_BITS) - 1)).collect();
+        let mut material: Vec<u32> = kinds.iter().map(|kind| kind >> OBJECT_BITS).collect();
         let skin_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * vertices));
         let bindings: &[Binding] = bytemuck::cast_slice(take(5 * vertices));
         let raw = flags_of_words(take(bits_of(vertices)), vertices)?;
@@ -139,15 +150,20 @@ impl Body {
             is_once && signed_volume(tet.map(|node| positions_m[node as usize].map(f64::from).into())) > 0.0
         };
         let is_sound = in_range(corners.as_flattened(), nodes)
-            && in_range(regions, objects)
+            && in_range(&regions, objects)
+            && in_range(&material, room.regions + 1)
             && in_range(faces.as_flattened(), vertices)
             && in_range(origin, objects)
             && is_finite(positions_m)
             && is_finite(skin_m)
             && bindings.iter().all(is_bound)
             && corners.iter().all(is_tet);
+        if room.regions == 0 {
+            material.clear();
+        }
         is_sound.then(|| Body {
-            rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions: regions.to_vec() },
+            rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions },
+            material,
             fixed,
             skin: Skin { rest_m: skin_m.to_vec(), triangles: faces.to_vec(), bindings: bindings.to_vec(), raw },
             origin: origin.to_vec(),
@@ -175,6 +191,8 @@ impl Body {
         let mut left = number.iter().map(Option::is_some);
         body.rest.tets.retain(|_| left.next().unwrap_or(true));
         body.rest.regions.retain(is_kept);
+        let mut left = number.iter().map(Option::is_some);
+        body.material.retain(|_| left.next().unwrap_or(true));
         body
     }
 
@@ -187,6 +205,12 @@ impl Body {
     pub fn volume_where_m3(&self, is_of_kind: impl Fn(u32) -> bool) -> f64 {
         let tets = self.rest.tets.iter().zip(&self.rest.regions).filter(|(_, region)| is_of_kind(**region));
         tets.map(|(tet, _)| self.volume_m3(*tet)).sum()
+    }
+
+    /// The sum of what there is for each m³ of the tets of an object.
+    pub fn weighed(&self, object: u32, for_each_m3: impl Fn(usize) -> f64) -> f64 {
+        let tets = (0..self.rest.tets.len()).filter(|tet| self.rest.regions[*tet] == object);
+        tets.map(|tet| for_each_m3(tet) * self.volume_m3(self.rest.tets[tet])).sum()
     }
 
     fn volume_m3(&self, tet: [u32; 4]) -> f64 {
@@ -234,11 +258,11 @@ mod tests {
             bindings: [0, 1, 1, 2, 2, 2].map(bound).to_vec(),
             raw: vec![true, false, false, false, true, false],
         };
-        Body { rest, fixed: vec![false; 9], skin, origin: vec![0, 1] }
+        Body { rest, material: Vec::new(), fixed: vec![false; 9], skin, origin: vec![0, 1] }
     }
 
     pub(super) fn room() -> Room {
-        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4 }
+        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4, regions: 0 }
     }
 
     #[test]
@@ -267,6 +291,20 @@ mod tests {
         assert!(refused(words.len() - 1, 2), "an object's origin");
         assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
         assert!(Body::unpack(&words, &Room { nodes: 8, ..room() }).is_none(), "no room");
+    }
+
+    #[test]
+    fn what_tets_are_made_of_is_in_their_words_and_goes_with_them() {
+        let made = Body { material: vec![0, 3, 1], ..body() };
+        let (words, room) = (made.pack(), Room { regions: 3, ..room() });
+        assert_eq!(words.len(), body().pack().len(), "it takes no word more");
+        assert_eq!(Body::unpack(&words, &room).as_ref(), Some(&made));
+        assert!(Body::unpack(&words, &Room { regions: 2, ..room }).is_none(), "a region that is not there");
+        assert!(Body::unpack(&words, &Room { regions: 0, ..room }).is_none(), "a scene without any");
+        let plain = Body { material: vec![0; 3], ..body() };
+        assert_eq!(plain.pack(), body().pack(), "a scene without regions has the words that it had");
+        assert_eq!(Body::unpack(&plain.pack(), &room), Some(plain));
+        assert_eq!((made.without(0).material, made.without(1).material), (vec![1], vec![0, 3]));
     }
 
     #[test]

@@ -4,9 +4,10 @@
 use crate::site::MAX_OBJECTS;
 use crate::world::World;
 use crossbeam::queue::ArrayQueue;
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Liar, Life};
 use hyst_exchange::rendezvous::Server;
 use hyst_exchange::{Links, Publisher, system};
+use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
 use hyst_scene::Look;
@@ -63,7 +64,7 @@ fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<L
     objects.iter().map(one).collect()
 }
 
-fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Result<(), Failure> {
+fn send_topology(publisher: &Publisher, world: &World, incarnation: u32, lies: &mut Liar) -> Result<(), Failure> {
     let (model, skin) = (&world.model, &world.body.skin);
     let raw: Vec<u32> = skin.raw.iter().map(|raw| u32::from(*raw)).collect();
     let parts: [&[u8]; SECTIONS] = [
@@ -86,6 +87,7 @@ fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Resu
     for (place, part) in places.into_iter().zip(parts) {
         place.copy_from_slice(part);
     }
+    lies.tell(loan.bytes_mut());
     loan.send()?;
     Ok(())
 }
@@ -113,9 +115,11 @@ fn most_bytes(world: &World) -> usize {
 impl Clerk {
     /// Sends the topology and begins to answer.
     pub fn start(life: &Life, links: &Links, world: Arc<World>) -> Result<Clerk, Failure> {
-        let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, most_bytes(&world))?;
-        let incarnation = life.incarnation;
-        send_topology(&publisher, &world, incarnation)?;
+        let bytes = most_bytes(&world);
+        let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, bytes)?;
+        let (mut lies, mut false_looks) = (life.liar(Outlet::Topology, bytes)?, life.liar(Outlet::Appearance, 0)?);
+        let (incarnation, stalls) = (life.incarnation, life.staller(Thread::Clerk)?);
+        send_topology(&publisher, &world, incarnation, &mut lies)?;
         let mut server = links.server(Role::Tissue, life.incarnation, Kind::Appearance)?;
         let changes: Arc<ArrayQueue<Arc<World>>> = Arc::new(ArrayQueue::new(WAITING));
         let changed = Arc::clone(&changes);
@@ -124,11 +128,22 @@ impl Clerk {
         let body = move || {
             let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
             while !stopped.load(Ordering::Acquire) {
+                stalls(&stopped);
                 // A link that fails here fails for newcomers alone; their next look asks again.
                 let _ = publisher.announce();
-                let _ = server.serve(&mut |_request| last.clone());
-                if let Some(newest) = std::iter::from_fn(|| changed.pop()).last() {
-                    let _ = send_topology(&publisher, &newest, incarnation);
+                let _ = server.serve(&mut |_request| {
+                    let mut told = last.clone();
+                    false_looks.tell_numbers(&mut told);
+                    told
+                });
+                // What changes only when something is cut is said again for a lie to be told, and once more when that is over.
+                let has_turned = lies.has_turned();
+                let newest = std::iter::from_fn(|| changed.pop()).last();
+                if newest.is_none() && has_turned {
+                    let _ = send_topology(&publisher, &sent, incarnation, &mut lies);
+                }
+                if let Some(newest) = newest {
+                    let _ = send_topology(&publisher, &newest, incarnation, &mut lies);
                     last = answer(&newest);
                     // The one before is freed here, and not by the Main Loop.
                     drop(std::mem::replace(&mut sent, newest));

@@ -6,10 +6,11 @@ use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
 use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, has_all_of, intersect, merge};
-use hyst_engine::{Failure, Life, StepContext, lockstep};
+use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
 use hyst_exchange::{Held, Links, Loan, Publisher, ReadPage, Subscriber, system};
+use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
@@ -32,6 +33,7 @@ pub struct Collision {
     asking: Asking,
     coordinator: ProcessCoordinator,
     jobs: Option<Publisher>,
+    lies: Lies,
     contacts: [Option<Subscriber>; MAX_WORKERS],
     sizes: HashSizes,
     own_hash: Vec<u32>,
@@ -92,6 +94,7 @@ impl Collision {
             asking: Asking::new(life)?,
             coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),
             jobs: None,
+            lies: Lies::new(life, 0),
             contacts: Default::default(),
             sizes: HashSizes::for_points(0),
             own_hash: Vec::new(),
@@ -128,6 +131,7 @@ impl Collision {
             let points = world.points.tool + world.case.room.nodes;
             let bytes = message_bytes(&sections(points, HashSizes::for_points(points)));
             self.jobs = Some(links.publisher(Role::Tissue, life.incarnation, Kind::CollisionJob, bytes)?);
+            self.lies = Lies::new(life, bytes);
         }
         Ok(())
     }
@@ -226,9 +230,9 @@ impl Collision {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
         let hash = HashRef::in_own_words(&self.own_hash).map_err(broken)?;
-        let count = self.shares.len();
-        let (mut done, was_shared, begun_ns) = (0u32, job.loan.is_some(), job.begun_ns);
-        if let Some(loan) = job.loan {
+        let (count, mut done, was_shared, begun_ns) = (self.shares.len(), 0u32, job.loan.is_some(), job.begun_ns);
+        if let Some(mut loan) = job.loan {
+            self.lies.tell_message(life, Outlet::Job, loan.bytes_mut());
             loan.send()?;
             let group = (1u32 << self.workers) - 1;
             let resting = self.coordinator.resting();

@@ -131,6 +131,7 @@ impl Knife {
         }
         self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
         self.tissue.rest.regions.clone_from(&world.body.rest.regions);
+        self.tissue.material.clone_from(&world.body.material);
         self.tissue.fixed.clone_from(&world.body.fixed);
         self.tissue.velocity_m_s.clear();
         self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
@@ -143,6 +144,7 @@ impl Knife {
         }
         let mut body = Body {
             rest: self.tissue.rest.clone(),
+            material: self.tissue.material.clone(),
             fixed: self.tissue.fixed.clone(),
             skin: self.tissue.skin.clone(),
             origin: world.body.origin.clone(),
@@ -167,7 +169,7 @@ fn options(room: &Room) -> CutOptions {
 
 /// Makes objects of the parts of a body that hang together no more.
 pub fn register_parts(case: &Case, body: &mut Body) -> Vec<Piece> {
-    let mut is_held = body.fixed.clone();
+    let mut is_held = case.held_nodes(body);
     case.attachments(body).iter().for_each(|held| is_held[held.node as usize] = true);
     body.register_parts(|node| is_held[node as usize], &case.room)
 }

@@ -6,6 +6,7 @@ mod bench;
 mod body;
 mod check;
 mod clerk;
+mod closing;
 mod collision;
 mod contacts;
 mod drift;

@@ -249,7 +249,7 @@ impl Stateful for MainLoop<'_> {
         self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let hand = self.hand(context.tick, &before);
+        let hand = self.hand(context, &before);
         let [stood, stands] = self.stands(&message, &before, &hand, positions)?;
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let change = self.change(&message, &hand, (positions, velocities))?;

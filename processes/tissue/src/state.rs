@@ -57,8 +57,8 @@ pub struct Core {
     pub cut_limits: u32,
     /// What the steps had to mend so far.
     pub corrections: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// How far the cavity is closed, 0 to 1, to be used by the next step.
+    pub closed: f32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }
@@ -72,7 +72,11 @@ impl Core {
         let volumes_ml = volumes_ml.map(|volume_ml| volume_ml as f32);
         let numbers = [self.pressure_pa, self.loop_m, self.hold_m];
         let mut all = self.velocity_m_s.iter().chain(&self.force_n).chain(&numbers).chain(&volumes_ml);
-        self.pose.is_finite() && all.all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+        let is_closed_by = (0.0..=1.0).contains(&self.closed);
+        is_closed_by
+            && self.pose.is_finite()
+            && all.all(|number| number.is_finite())
+            && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }
 
@@ -171,7 +175,7 @@ mod tests {
     fn a_core_with_a_number_that_is_none_is_not_sane_wherever_it_is() {
         assert!(Core::default().is_sane());
         type Spoil = fn(&mut Core);
-        let spoilt: [(&str, Spoil); 16] = [
+        let spoilt: [(&str, Spoil); 18] = [
             ("position", |core| core.pose.position_m[2] = f32::NAN),
             ("orientation", |core| core.pose.orientation[3] = f32::INFINITY),
             ("insertion", |core| core.pose.insertion_m = f32::NAN),
@@ -186,6 +190,8 @@ mod tests {
             ("pressure", |core| core.pressure_pa = f32::NAN),
             ("loop", |core| core.loop_m = f32::NAN),
             ("hold", |core| core.hold_m = f32::NAN),
+            ("closed", |core| core.closed = f32::NAN),
+            ("closed beyond", |core| core.closed = 1.5),
             ("flow", |core| core.pieces[7].velocity_m_s[2] = f32::NAN),
             ("wild flow", |core| core.pieces[0].velocity_m_s[0] = 2.0 * MAX_FLOW_M_S),
         ];

@@ -1,10 +1,12 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
+mod case;
 mod model;
 
 use crate::body::{Body, Room, version_of};
+use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
-use crate::materials::{lowered, materials};
+use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
@@ -14,12 +16,12 @@ use hyst_contact::Topology;
 use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
-use hyst_scene::{DeformableKind, LoadedLoop, LoadedRigid, LoadedScene, Look};
+use hyst_scene::{LoadedLoop, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Stiffness that contacts and attachments may add up to at a node, N/m: a tip of 20 mm² in [`crate::contacts::STIFFNESS_N_M3`].
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
@@ -41,6 +43,8 @@ pub struct Case {
     /// Density of each object of the scene, and what they are in.
     density_kg_m3: Vec<f64>,
     bath: Bath,
+    /// The regions of material of all objects.
+    regions: Vec<Region>,
     /// Instruments by name.
     rigid: Vec<String>,
     /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
@@ -67,6 +71,8 @@ pub struct Case {
     pub pivot_m: [f32; 3],
     /// Pressure at which the organ has its rest shape, Pa.
     pub rest_pressure_pa: f32,
+    /// How its cavity closes where the pressure is low.
+    pub closing: Closing,
 }
 
 /// The model of everything that the Main Loop computes, made of a body: never changed by a step that cuts nothing.
@@ -87,12 +93,14 @@ pub struct World {
     pub attachments: Vec<Attachment>,
     /// Points of the contact test.
     pub points: ContactPoints,
-    /// Triangles of the cavity's wall: boundary triangles of hollow organs without fixed nodes.
+    /// Triangles of the cavity's wall: boundary triangles of hollow organs without held nodes.
     pub wall: Vec<[u32; 3]>,
     /// All objects, instruments too.
     pub objects: Vec<ObjectRecord>,
     /// Those that nothing holds.
     pub drifters: Vec<Drifter>,
+    /// The forces that hold the cavity shut, once somebody has asked for them.
+    pub shut_n: OnceLock<Vec<[f32; 3]>>,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -153,7 +161,9 @@ impl Workshop {
         // Cuts make no stiffer tissue, and looking for the frequency takes longer than all else.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let mut world = World::with(&workshop.case, body, model)?;
-        world.notes = [lowered(scene), notes(&report)].concat();
+        world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
+        // Now, so that no step of an organ that is whole has to.
+        world.shut_n();
         Ok((workshop, world))
     }
 
@@ -171,6 +181,7 @@ impl Body {
             return Err(Failure::Input(format!("a scene has at most {MAX_OBJECTS} objects")));
         }
         let (mut skin, mut regions) = (Skin::default(), Vec::with_capacity(rest.tets.len()));
+        let (mut material, mut first_region) = (Vec::<u32>::new(), 0u32);
         for (index, object) in scene.objects.iter().enumerate() {
             let (first_vertex, first_tet) = (skin.rest_m.len() as u32, regions.len() as u32);
             skin.rest_m.extend_from_slice(&object.surface.positions_m);
@@ -178,79 +189,15 @@ impl Body {
             skin.raw.extend(object.bindings.iter().map(|_| false));
             skin.triangles.extend(object.surface.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first_vertex)));
             regions.extend(std::iter::repeat_n(index as u32, object.mesh.tets.len()));
+            material.extend(object.mesh.regions.iter().map(|own| if *own == 0 { 0 } else { first_region + own }));
+            first_region += object.regions.len() as u32;
         }
         rest.regions = regions;
+        if first_region == 0 {
+            material.clear();
+        }
         let fixed = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
-        Ok(Body { rest, fixed, skin, origin: (0..scene.objects.len() as u32).collect() })
-    }
-}
-
-/// A place at rest, to the bit.
-fn bits(point: [f32; 3]) -> [u32; 3] {
-    point.map(f32::to_bits)
-}
-
-impl Case {
-    fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
-        let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
-        let kind = |kind| match kind {
-            DeformableKind::Organ => ObjectKind::Organ,
-            DeformableKind::Pathology => ObjectKind::Pathology,
-        };
-        let roots = roots(scene, body, starts);
-        let is_rooted = |index: u32| roots.keys().any(|(object, _)| *object == index);
-        Ok(Case {
-            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.fixed.contains(&true) || is_rooted(index)).collect(),
-            objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
-            hollow: scene.objects.iter().map(|object| object.hollow).collect(),
-            density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
-            bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
-            rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
-            roots,
-            cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
-            room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
-            tool: Tool::of(rigid),
-            electrode: rigid.electrode.clone(),
-            outlet: Outlet::of(rigid),
-            looks: scene.objects.iter().map(|object| object.look).collect(),
-            scope: scope(scene, rigid),
-            metal: Metal::of(rigid),
-            rest: scene.rest,
-            pivot_m: scene.workspace.pivot_m,
-            rest_pressure_pa: scene.fluid.rest_pressure_pa,
-        })
-    }
-
-    /// The object of the scene that an object is, or was a part of.
-    pub fn origin(&self, body: &Body, object: u32) -> usize {
-        body.origin.get(object as usize).map_or(0, |origin| *origin as usize)
-    }
-
-    /// Whether an object is one of the scene, and not one that has come free of such.
-    pub fn is_of_scene(&self, object: u32) -> bool {
-        (object as usize) < self.objects.len()
-    }
-
-    /// Whether an object is one of the scene that nothing has ever held.
-    pub fn is_loose_in_scene(&self, object: u32) -> bool {
-        self.rooted.get(object as usize).is_some_and(|is_rooted| !is_rooted)
-    }
-
-    /// Whether an object is, or was a part of, what is to be removed.
-    pub fn is_pathology(&self, body: &Body, object: u32) -> bool {
-        self.objects.get(self.origin(body, object)).is_some_and(|(_, kind)| *kind == ObjectKind::Pathology)
-    }
-
-    /// What holds the nodes of a body. A node that was copied is held as its original is; one whose host is gone is not held.
-    pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
-        let owner = body.owners();
-        let is_used = |node: &u32| owner.get(*node as usize).is_some_and(Option::is_some);
-        let held = |(node, owner): (usize, &Option<u32>)| {
-            let origin = self.origin(body, (*owner)?) as u32;
-            let root = self.roots.get(&(origin, bits(body.rest.positions_m[node])))?;
-            root.tet.iter().all(is_used).then_some(Attachment { node: node as u32, ..*root })
-        };
-        owner.iter().enumerate().filter_map(held).collect()
+        Ok(Body { rest, material, fixed, skin, origin: (0..scene.objects.len() as u32).collect() })
     }
 }
 
@@ -260,8 +207,9 @@ impl World {
         let topology =
             Topology::new(&rest.tets, &rest.regions, &rest.positions_m).map_err(|error| Failure::Input(error.to_string()))?;
         let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
+        let is_held = case.held_nodes(&body);
         let is_wall =
-            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !body.fixed[*node as usize]);
+            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let attachments = case.attachments(&body);
@@ -269,12 +217,11 @@ impl World {
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         Ok(World {
             case: Arc::clone(case),
-            drifters: Drifter::of(&objects, &body, &case.bath, |object| {
-                case.density_kg_m3.get(case.origin(&body, object)).copied().unwrap_or(case.bath.density_kg_m3)
-            }),
+            drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
             points,
             objects,
             version: version_of(&words),
+            shut_n: OnceLock::new(),
             notes: Vec::new(),
             model,
             topology,
@@ -288,7 +235,7 @@ impl World {
 
 /// The records of all objects of a body, and of the instruments.
 fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRecord> {
-    let mut is_rooted = body.fixed.clone();
+    let mut is_rooted = case.held_nodes(body);
     attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
     let count = body.origin.len();
     let mut held = vec![false; count];
@@ -321,38 +268,8 @@ fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRe
     deformable.chain(rigid).collect()
 }
 
-fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
-    let view = &scene.scene.view;
-    ScopeRecord {
-        oblique_rad: view.optic_angle_deg.to_radians() as f32,
-        field_of_view_rad: view.field_of_view_deg.to_radians() as f32,
-        periphery_ratio: view.periphery_ratio as f32,
-        light: view.light as f32,
-        shaft_radius_m: rigid.radius_m,
-        shaft_length_m: rigid.length_m,
-        loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
-        loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
-    }
-}
-
-fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {
-    let mut first_tet = vec![0usize];
-    for object in &scene.objects {
-        first_tet.push(first_tet.last().copied().unwrap_or(0) + object.mesh.tets.len());
-    }
-    let mut all = BTreeMap::new();
-    for (index, object) in scene.objects.iter().enumerate() {
-        for (host, held) in object.attach.iter().flat_map(|attach| attach.nodes.iter().map(|node| (attach.host, node))) {
-            let node = starts[index] as u32 + held.node;
-            let tet = body.rest.tets[first_tet[host] + held.tet as usize];
-            let root = Attachment { node, tet, weights: held.weights, stiffness_n_m: ATTACHMENT_N_M };
-            all.insert((index as u32, bits(body.rest.positions_m[node as usize])), root);
-        }
-    }
-    all
-}
-
-fn mean_edge_m(tets: &[[u32; 4]], positions_m: &[[f32; 3]]) -> f32 {
+/// Mean edge of some tets, m.
+pub(crate) fn mean_edge_m(tets: &[[u32; 4]], positions_m: &[[f32; 3]]) -> f32 {
     const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
     let at = |node: u32| glam::Vec3::from(positions_m[node as usize]);
     let length = |tet: &[u32; 4]| EDGES.iter().map(|[a, b]| at(tet[*a]).distance(at(tet[*b]))).sum::<f32>();

@@ -80,6 +80,12 @@ impl<'a> HashRef<'a> {
         self.header.kept as usize
     }
 
+    /// Whether it is the table of these points: each that it has is where that one is.
+    pub fn is_of(&self, points_m: &[[f32; 3]]) -> bool {
+        let is_there = |at: usize| points_m.get(self.ids[at] as usize).is_some_and(|point_m| *point_m == self.position(at));
+        points_m.len() == self.points() && (0..self.kept()).all(is_there)
+    }
+
     /// Whether slots come from the hash function.
     pub fn is_hashed(&self) -> bool {
         self.header.hashed != 0
@@ -193,6 +199,9 @@ mod tests {
             };
             let built = all(table.as_ref());
             assert!(all(HashRef::in_own_words(&words).unwrap()) == built && all(HashRef::in_words(&words).unwrap()) == built);
+            let moved: Vec<[f32; 3]> = points_m.iter().map(|[x, y, z]| [*x, *y, z + 0.1]).collect();
+            let is_of = |points_m: &[[f32; 3]]| HashRef::in_words(&words).unwrap().is_of(points_m);
+            assert!(is_of(&points_m) && !is_of(&moved) && !is_of(&points_m[1..]) && !is_of(&[]));
             words[HEADER_WORDS + 1] = u32::MAX;
             assert!(HashRef::in_words(&words).is_err(), "what another process wrote is looked at");
             assert!(HashRef::in_own_words(&words[..sizes.words() - 1]).is_err());

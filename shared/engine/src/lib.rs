@@ -20,7 +20,7 @@ pub mod verify;
 
 pub use address::Address;
 pub use life::{Failure, Life, run};
-pub use mischief::{Lies, Output};
+pub use mischief::{Liar, Lies, Output};
 pub use pace::Pace;
 pub use settings::Settings;
 pub use silence::Silence;

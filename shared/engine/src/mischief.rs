@@ -5,16 +5,18 @@ mod lies;
 mod start;
 mod waste;
 
-pub use lies::{Lies, Output};
+pub use lies::{Liar, Lies, Output};
 pub(crate) use waste::attend;
 
 use crate::life::Life;
+use hyst_exchange::stall::stall;
 use hyst_exchange::{OwnedPage, StationError, StationPage, system};
-use hyst_messages::mischief::{Mischief, Request};
+use hyst_messages::mischief::{Mischief, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Slot, StreamHeader, TICK_NS};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// The mark of a flawed state, in the second word of its header, which no role with a state uses.
 pub const FLAWED: u32 = 0x666c_6177;
@@ -64,6 +66,16 @@ impl Life {
     pub fn loan_loser(&self) -> Result<impl Fn() -> bool + Send + 'static, StationError> {
         let (clock, page, slot, incarnation) = (self.station.open()?, Arc::clone(&self.page), self.slot, self.incarnation);
         Ok(move || loses_a_loan(&clock, &page, slot, incarnation))
+    }
+
+    /// What a thread beside the steps calls in each of its rounds: it waits there while it is asked to, and until it is to stop at most.
+    pub fn staller(&self, thread: Thread) -> Result<impl Fn(&AtomicBool) + Send + 'static, StationError> {
+        let (clock, page, slot, incarnation) = (self.station.open()?, Arc::clone(&self.page), self.slot, self.incarnation);
+        Ok(move |stop: &AtomicBool| {
+            stall(&clock, slot, incarnation, thread, stop, || {
+                page.fetch_add64(header::MISCHIEF, 1);
+            });
+        })
     }
 
     /// What the role of this process suffers from, whoever of it was asked.
@@ -117,7 +129,7 @@ impl Life {
 
     /// At the beginning of a step: whatever ends or holds up the thread.
     pub fn misbehave(&self) {
-        let Some(request) = self.mischief() else { return };
+        let Some(request) = self.mischief().filter(|request| request.thread == Thread::Steps) else { return };
         match request.what {
             Mischief::Spin => {
                 self.own_up();
@@ -127,7 +139,7 @@ impl Life {
             }
             Mischief::Block => {
                 self.own_up();
-                while self.mischief().is_some_and(|now| now.what == Mischief::Block) {
+                while self.mischief() == Some(request) {
                     system::sleep_ns(TICK_NS);
                 }
             }
@@ -202,15 +214,7 @@ mod tests {
 
     #[test]
     fn a_slow_step_takes_its_factor_and_its_extra_and_varies_by_its_jitter() {
-        let request = Request {
-            what: Mischief::Slow,
-            incarnation: 1,
-            until_ns: 0,
-            factor_percent: 400,
-            extra_us: 50,
-            jitter_percent: 0,
-            rate_per_s: 0,
-        };
+        let request = Request { factor_percent: 400, extra_us: 50, ..Request::of(Mischief::Slow, 1) };
         assert_eq!(added_ns(&request, 100_000, 5), 350_000, "four times 0.1 ms is 0.3 ms more");
         assert_eq!(added_ns(&Request { factor_percent: 0, extra_us: 0, ..request }, 100_000, 5), 0);
         let swinging = Request { jitter_percent: 50, ..request };

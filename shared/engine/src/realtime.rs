@@ -18,6 +18,8 @@ pub const SUPERVISOR_PRIORITY: i32 = 5;
 /// Priority of what is left of a device that dies, of the supervisor while it starts another, of that one until it is ready, and of the threads that map
 /// its page in servos and hardware: above tissues and workers, below the servos. Nobody does its work, and the hardware ramps the force to zero within 20 ms; what a tissue computes meanwhile no hand feels.
 pub const DEVICE_RETURNS_PRIORITY: i32 = 65;
+/// Priority of the canaries of the hardware: above the hardware, below the supervisor's watch, which works for microseconds.
+pub const CANARY_PRIORITY: i32 = 88;
 /// Priority of the spare of a stateful role above its incumbent: a spare below could not take over from one that spins.
 pub const SPARE_ABOVE: i32 = 2;
 

@@ -25,6 +25,7 @@ use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Inbox, Wanted, usher};
 use hyst_exchange::{Horizon, Links, Publisher, system};
+use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Message, Role, Slot, TICK_NS};
@@ -305,7 +306,7 @@ impl<S: Stateful> Loop<'_, S> {
         if !held {
             self.engine.finished(&context, loan.bytes());
         }
-        self.lies.tell_message(self.life, loan.bytes_mut());
+        self.lies.tell_message(self.life, Outlet::State, loan.bytes_mut());
         loan.send()?;
         self.life.page.store64(header::VALUE_NS, system::now_ns());
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);

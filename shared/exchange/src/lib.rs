@@ -16,6 +16,7 @@ pub mod meeting;
 pub mod page;
 pub mod rendezvous;
 pub mod roster;
+pub mod stall;
 pub mod station;
 pub mod stream;
 pub mod succession;

@@ -7,11 +7,13 @@
 use crate::mappings::Touched;
 use crate::page::ReadPage;
 use crate::rendezvous::ProcessClient;
+use crate::stall::stall;
 use crate::station::{Station, StationError, StationPage};
 use crate::stream::{Held, Links, Subscriber};
 use crate::system;
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::header;
-use hyst_messages::{Kind, Role, Slot};
+use hyst_messages::{Kind, Role, SLOTS, Slot};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -169,6 +171,21 @@ impl Desk {
         }
     }
 
+    /// In test mode, as long as it is asked to.
+    fn stand_still(&self, page: &StationPage, stop: &AtomicBool) {
+        let mut slots = (0..SLOTS).filter_map(Slot::from_number);
+        if page.test_mode()
+            && let Some(slot) = slots.find(|slot| page.incarnation(*slot) == self.me)
+        {
+            stall(page, slot, self.me, Thread::Usher, stop, || {
+                // It counts in the page of its process; without one nobody is told.
+                if let Ok(own) = self.station.own_slot(slot, self.me) {
+                    own.fetch_add64(header::MISCHIEF, 1);
+                }
+            });
+        }
+    }
+
     fn seat<A>(&mut self, arrivals: &mut rtrb::Producer<A>, mut connect: impl FnMut(&mut Guest) -> Result<Option<A>, ()>) {
         let mut at = 0;
         while at < self.waiting.len() {
@@ -255,6 +272,7 @@ fn start<A: Send + 'static, D: Send + 'static>(
         manner.take_class();
         while !stopped.load(Ordering::Acquire) {
             let seen = page.changes();
+            desk.stand_still(&page, &stopped);
             while departures.pop().is_ok() {}
             desk.notice(&page);
             desk.seat(&mut arrivals, &mut connect);

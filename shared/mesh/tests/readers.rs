@@ -30,6 +30,18 @@ fn gmsh_2_with_sparse_unordered_tags_and_unknown_sections() {
     expect("a.msh", file, [3, 4]);
 }
 
+#[test]
+fn a_tet_of_gmsh_1_or_2_in_no_physical_group_has_the_number_of_its_volume() {
+    let nodes = "5\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n";
+    let two = format!(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{nodes}$EndNodes\n\
+         $Elements\n2\n1 4 2 0 12 1 2 3 4\n2 4 4 0 13 1 -2 2 3 4 5\n$EndElements\n"
+    );
+    expect("a.msh", &two, [12, 13]);
+    let one = format!("$NOD\n{nodes}$ENDNOD\n$ELM\n2\n1 4 0 12 4 1 2 3 4\n2 4 0 0 4 2 3 4 5\n$ENDELM\n");
+    expect("a.msh", &one, [12, 0]);
+}
+
 const GMSH_41_HEAD: &str = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n1 0 1 2\n1 0 0 0 0\n\
                             5 0 0 0 1 1 1 0 0\n1 0 0 0 1 1 1 1 11 1 5\n2 0 0 0 1 1 1 0 0\n$EndEntities\n";
 

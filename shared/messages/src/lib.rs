@@ -20,6 +20,7 @@ pub mod status;
 pub mod stream;
 mod tissue;
 pub mod tolerance;
+mod topology;
 
 pub use admission::Admission;
 pub use controls::Switch;
@@ -33,6 +34,7 @@ pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_
 pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub use tissue::{CUT_LIMIT, TissueStatus};
+pub use topology::topology_is_sound;
 
 #[cfg(test)]
 extern crate self as hyst_messages; // so do the tests of other crates name what they have in common with those here

@@ -105,6 +105,60 @@ impl Mischief {
     }
 }
 
+/// By which of its outputs a process lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Outlet {
+    /// All that its steps publish: the message and the cells.
+    #[default]
+    Steps = 0,
+    /// The message of its steps alone: a state, a worker's share.
+    State = 1,
+    /// What stands in its page for others, alone: a contact model, what a fluid says of the medium, a servo's force, a device's command.
+    Cell = 2,
+    /// The topology.
+    Topology = 3,
+    /// The jobs of the collision workers.
+    Job = 4,
+    /// The stream of what was applied, for the recorder.
+    Force = 5,
+    /// The answer to who asks how the objects look.
+    Appearance = 6,
+}
+
+impl Outlet {
+    /// All of them.
+    pub const ALL: [Outlet; 7] =
+        [Outlet::Steps, Outlet::State, Outlet::Cell, Outlet::Topology, Outlet::Job, Outlet::Force, Outlet::Appearance];
+
+    /// Whether who is asked to lie by this one lies by that one.
+    pub fn covers(self, by: Outlet) -> bool {
+        self == by || self == Outlet::Steps && matches!(by, Outlet::State | Outlet::Cell)
+    }
+}
+
+/// A thread of an engine that is asked to wait: that of its steps, or one that helps it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Thread {
+    /// That of its steps.
+    #[default]
+    Steps = 0,
+    /// The one that opens the pages and streams of newcomers.
+    Usher = 1,
+    /// A servo's: it publishes what was applied.
+    Drain = 2,
+    /// Of who has a state: it writes checkpoints.
+    Keeper = 3,
+    /// A tissue's: it sends the topology, and says how the objects look.
+    Clerk = 4,
+}
+
+impl Thread {
+    /// All of them.
+    pub const ALL: [Thread; 5] = [Thread::Steps, Thread::Usher, Thread::Drain, Thread::Keeper, Thread::Clerk];
+}
+
 /// Why one process distrusts another's output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -138,13 +192,29 @@ pub struct Request {
     pub jitter_percent: u16,
     /// [`Mischief::LeakMemory`]: KiB per second; [`Mischief::LeakFiles`]: files per second.
     pub rate_per_s: u32,
+    /// What is a lie: by which output.
+    pub outlet: Outlet,
+    /// [`Mischief::Block`]: which thread.
+    pub thread: Thread,
 }
 
 impl Request {
+    /// One without an end, and without anything that only some take.
+    pub fn of(what: Mischief, incarnation: u32) -> Request {
+        let (outlet, thread) = (Outlet::Steps, Thread::Steps);
+        let (factor_percent, extra_us, jitter_percent, rate_per_s) = (0, 0, 0, 0);
+        Request { what, incarnation, until_ns: 0, factor_percent, extra_us, jitter_percent, rate_per_s, outlet, thread }
+    }
+
     /// The words of a request: [`layout::MISCHIEF`], [`layout::MISCHIEF_UNTIL_NS`], [`layout::MISCHIEF_EXTENT`].
     pub fn words(&self) -> [u64; layout::MISCHIEF_WORDS] {
         let what = (self.incarnation as u64) << 32 | self.what as u64;
-        let low = if self.what.is_waste() { self.rate_per_s } else { self.extra_us };
+        let low = match self.what {
+            what if what.is_waste() => self.rate_per_s,
+            what if what.is_lie() => self.outlet as u32,
+            Mischief::Block => self.thread as u32,
+            _ => self.extra_us,
+        };
         let extent = low as u64 | (self.factor_percent as u64) << 32 | (self.jitter_percent as u64) << 48;
         [what, self.until_ns, extent]
     }
@@ -165,10 +235,14 @@ impl Request {
         let [what, until_ns, extent] = words;
         let what = (what >> 32 == incarnation as u64)
             .then(|| Mischief::ALL.into_iter().find(|known| *known as u64 == what & u32::MAX as u64))??;
-        let low = extent as u32;
-        let (rate_per_s, extra_us) = if what.is_waste() { (low, 0) } else { (0, low) };
-        let (factor_percent, jitter_percent) = ((extent >> 32) as u16, (extent >> 48) as u16);
-        Some(Request { what, incarnation, until_ns, factor_percent, extra_us, jitter_percent, rate_per_s })
+        let (low, factor_percent, jitter_percent) = (extent as u32, (extent >> 32) as u16, (extent >> 48) as u16);
+        let request = Request { until_ns, factor_percent, jitter_percent, ..Request::of(what, incarnation) };
+        Some(match what {
+            _ if what.is_waste() => Request { rate_per_s: low, ..request },
+            _ if what.is_lie() => Request { outlet: Outlet::ALL.into_iter().find(|outlet| *outlet as u32 == low)?, ..request },
+            Mischief::Block => Request { thread: Thread::ALL.into_iter().find(|thread| *thread as u32 == low)?, ..request },
+            _ => Request { extra_us: low, ..request },
+        })
     }
 }
 
@@ -179,9 +253,13 @@ mod tests {
     #[test]
     fn a_request_is_read_by_whom_it_is_meant_for_and_by_nobody_else() {
         for what in Mischief::ALL {
-            let (rate_per_s, extra_us) = if what.is_waste() { (70_000, 0) } else { (0, 70_000) };
-            let request =
-                Request { what, incarnation: 7, until_ns: 9, factor_percent: 450, extra_us, jitter_percent: 50, rate_per_s };
+            let request = Request { until_ns: 9, factor_percent: 450, jitter_percent: 50, ..Request::of(what, 7) };
+            let request = match what {
+                _ if what.is_waste() => Request { rate_per_s: 70_000, ..request },
+                _ if what.is_lie() => Request { outlet: Outlet::Appearance, ..request },
+                Mischief::Block => Request { thread: Thread::Clerk, ..request },
+                _ => Request { extra_us: 70_000, ..request },
+            };
             assert_eq!(Request::from_words(request.words(), 7), Some(request));
             assert_eq!(Request::from_words(request.words(), 8), None);
             assert_eq!(Request::lasting(request.words()).is_some(), matches!(what, Mischief::Poison | Mischief::Doom));
@@ -193,5 +271,18 @@ mod tests {
         }
         assert_eq!(Request::from_words([0; 3], 0), None);
         assert_eq!(Request::from_words([7 << 32 | 99, 0, 0], 7), None);
+        let lie = Request::of(Mischief::Nan, 7).words();
+        assert_eq!(Request::from_words([lie[0], 0, 99], 7), None, "by no output that there is");
+    }
+
+    #[test]
+    fn who_lies_by_its_steps_lies_by_state_and_cell_and_who_lies_by_one_output_by_no_other() {
+        for outlet in Outlet::ALL {
+            let covered: Vec<Outlet> = Outlet::ALL.into_iter().filter(|by| outlet.covers(*by)).collect();
+            match outlet {
+                Outlet::Steps => assert_eq!(covered, [Outlet::Steps, Outlet::State, Outlet::Cell]),
+                _ => assert_eq!(covered, [outlet]),
+            }
+        }
     }
 }

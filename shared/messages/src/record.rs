@@ -202,7 +202,20 @@ impl InputRecord {
     pub fn medium(&self) -> Medium {
         Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
     }
+
+    /// Whether somebody who has it from a stream can believe it at a tick: a force that a motor makes, a place that a tip has, and no tick to come.
+    pub fn can_be(&self, present: u64) -> bool {
+        let (pose, on_scope_n) = (&self.sample.pose, &self.on_scope_n);
+        self.tick <= present + MOST_AHEAD_TICKS
+            && self.command.force_n.iter().chain(on_scope_n).all(|newton| newton.abs() <= MOST_N)
+            && pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite())
+    }
 }
+
+/// How far ahead of the present a record may be: not at all, but for what passes between two looks at the clock.
+const MOST_AHEAD_TICKS: u64 = 100;
+/// More than any device makes, N.
+const MOST_N: f32 = 1_000.0;
 
 /// What one replica of the servo answers.
 #[repr(C)]
@@ -348,4 +361,27 @@ pub struct PointerRecord {
     pub target: [f32; 5],
     /// Valves, buttons, pressure, light, focus.
     pub controls: Controls,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_applied_has_a_force_a_place_and_a_tick_that_can_be() {
+        let good = AppliedRecord { tick: 5_000, ..AppliedRecord::default() };
+        assert!(good.can_be(5_000) && AppliedRecord::default().can_be(5_000), "the second is of a tick that was skipped");
+        let changes: [fn(&mut AppliedRecord); 5] = [
+            |it| it.tick = u64::from(f32::NAN.to_bits()),
+            |it| it.command.force_n[2] = f32::NAN,
+            |it| it.command.force_n[0] = 1e9,
+            |it| it.on_scope_n[1] = f32::INFINITY,
+            |it| it.sample.pose.position_m[0] = f32::NAN,
+        ];
+        for (at, change) in changes.into_iter().enumerate() {
+            let mut wrong = good;
+            change(&mut wrong);
+            assert!(!wrong.can_be(5_000), "{at}");
+        }
+    }
 }

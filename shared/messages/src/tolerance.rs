@@ -62,6 +62,9 @@ const FLUID: [Field; 1] = [Field { section: 2, what: "optical density", unit: ""
 const MOST_PRESSURE_PA: f64 = 1_000.0;
 const MOST_VOLUME_ML: f64 = 2.0;
 const MOST_FLOW_ML_MIN: f64 = 80.0;
+/// Of vessels that are open, and of those that are coagulated: each is there or not, so that one more or less is beyond it. Who counts one a step later than the other is
+/// beyond it for that step alone.
+const MOST_VESSELS: f64 = 0.5;
 
 /// Of contact models: how deep below a plane the hand is tried, m, and how fast it goes in, m/s; and by how much the forces may differ there, N and as a
 /// share of the larger one. A surface that is as far out of place as [`TISSUE`] allows changes the force by a quarter; a plane that is missing, by all of it.
@@ -81,6 +84,7 @@ pub fn stated(kind: Kind) -> Vec<String> {
         format!("deficit, blood and volume within {MOST_VOLUME_ML} ml"),
         format!("flows within {MOST_FLOW_ML_MIN} ml/min"),
         format!("force on the scope within {MOST_FORCE_N} N (largest difference)"),
+        "as many vessels open, and as many coagulated".into(),
     ];
     let model = format!(
         "force of the contact model {} mm deep within {MOST_FORCE_N} N and {} %",
@@ -124,6 +128,9 @@ pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
         note("volume", "ml", (x.cavity_volume_ml - y.cavity_volume_ml).abs(), MOST_VOLUME_ML);
         note("inflow", "ml/min", f64::from(x.inflow_ml_min - y.inflow_ml_min).abs(), MOST_FLOW_ML_MIN);
         note("outflow", "ml/min", f64::from(x.outflow_ml_min - y.outflow_ml_min).abs(), MOST_FLOW_ML_MIN);
+        let differ = |a: u32, b: u32| f64::from(a.abs_diff(b));
+        note("open vessels", "", differ(x.open_vessels, y.open_vessels), MOST_VESSELS);
+        note("coagulated vessels", "", differ(x.sealed_vessels, y.sealed_vessels), MOST_VESSELS);
         note("force on the scope", "N", distance(&x.on_scope_n, &y.on_scope_n, false), MOST_FORCE_N);
     }
     Ok(worst)
@@ -271,6 +278,14 @@ mod tests {
         let pushed = FluidStatus { on_scope_n: [0.0, -0.075, 0.0], ..good };
         let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(pushed, 0.0));
         assert!((found.ratio() - 1.5).abs() < 1e-6 && found.what == "force on the scope", "{found:?}");
+        // One that knows of no vessels agrees where there is none, and nowhere else.
+        let [open, shut] =
+            [(1, 0), (0, 1)].map(|(open_vessels, sealed_vessels)| FluidStatus { open_vessels, sealed_vessels, ..good });
+        for (vessels, what) in [(open, "open vessels"), (shut, "coagulated vessels")] {
+            let found = of(Kind::FluidState, &fluid(vessels, 0.0), &fluid(good, 0.0));
+            assert_eq!((found.what, found.ratio()), (what, 2.0));
+            assert_eq!(of(Kind::FluidState, &fluid(vessels, 0.0), &fluid(vessels, 0.0)).ratio(), 0.0);
+        }
         let none = FluidStatus { outflow_ml_min: f32::NAN, ..good };
         assert_eq!(of(Kind::FluidState, &fluid(good, 0.0), &fluid(none, 0.0)).ratio(), f64::INFINITY);
     }
@@ -281,6 +296,6 @@ mod tests {
         assert!(compare(Kind::FluidState, bytemuck::cast_slice(&short), bytemuck::cast_slice(&good)).is_err());
         assert!(compare(Kind::TissueState, &[0; 5], bytemuck::cast_slice(&short)).is_err());
         assert_eq!(stated(Kind::TissueState).len(), 4);
-        assert_eq!(stated(Kind::FluidState).len(), 5);
+        assert_eq!(stated(Kind::FluidState).len(), 6);
     }
 }

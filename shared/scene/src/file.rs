@@ -5,6 +5,7 @@
 
 use crate::fluid::{Fluid, PumpChange, Vessels};
 use crate::instrument::Rigid;
+use crate::region::MaterialRegion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -87,8 +88,11 @@ pub struct Deformable {
     /// What it is made of. Default: uterine tissue ex vivo, soft end.
     #[serde(default)]
     pub material: Material,
-    /// Nodes that do not move. Default: none for an attached object; else the outer shell of a hollow organ, or the part of
-    /// the organ that is farthest from the scope. A pathology with an empty list, attached to nothing, floats from the beginning.
+    /// Parts of it that are made of something else, or that are held by what is around them. Default: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub region: Vec<MaterialRegion>,
+    /// Nodes that do not move. Default: none for an object that is attached or of which a region is on a bed; else the outer shell of a hollow organ, or the
+    /// part of the organ that is farthest from the scope. A pathology with an empty list, attached to nothing, floats from the beginning.
     pub fixed: Option<Vec<Fixed>>,
     /// How it looks. Default: by its kind.
     pub look: Option<Look>,

@@ -37,16 +37,10 @@ pub(crate) fn depth_under_hull(positions_m: &[[f32; 3]]) -> Vec<f32> {
 /// Nodes of the wall of the organ's hollow, if it has one; else none. A triangle is of such a wall if whoever looks out of it, along
 /// its normal, sees tissue of the same organ. Of a large boundary every n-th triangle is asked.
 pub(crate) fn hollow_nodes(positions_m: &[[f32; 3]], boundary: &[[u32; 3]], locator: &Locator) -> Vec<usize> {
-    let (low, high) = bounds(positions_m);
-    let step_m = (high - low).max_element() / LOOK_STEPS as f32;
-    let faces_tissue = |triangle: &&[u32; 3]| {
-        let [a, b, c] = triangle.map(|node| Vec3::from(positions_m[node as usize]));
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        (1..=LOOK_STEPS).any(|step| locator.find(((a + b + c) / 3.0 + normal * (step as f32 * step_m)).to_array()).is_some())
-    };
+    let look = Look::across(positions_m, locator);
     let stride = boundary.len().div_ceil(ASKED).max(1);
     let asked = boundary.len().div_ceil(stride);
-    let wall: Vec<&[u32; 3]> = boundary.iter().step_by(stride).filter(faces_tissue).collect();
+    let wall: Vec<&[u32; 3]> = boundary.iter().step_by(stride).filter(|triangle| look.meets_tissue(triangle)).collect();
     if (wall.len() as f32) < HOLLOW_SHARE * asked as f32 {
         return Vec::new();
     }
@@ -56,15 +50,53 @@ pub(crate) fn hollow_nodes(positions_m: &[[f32; 3]], boundary: &[[u32; 3]], loca
     nodes
 }
 
+/// Whether each triangle of the boundary is of the wall of the organ's hollow; of an organ without one none is.
+pub(crate) fn hollow_triangles(positions_m: &[[f32; 3]], boundary: &[[u32; 3]], locator: &Locator) -> Vec<bool> {
+    let look = Look::across(positions_m, locator);
+    let is_wall: Vec<bool> = boundary.iter().map(|triangle| look.meets_tissue(triangle)).collect();
+    let of_wall = is_wall.iter().filter(|is_wall| **is_wall).count();
+    if (of_wall as f32) < HOLLOW_SHARE * boundary.len() as f32 { vec![false; boundary.len()] } else { is_wall }
+}
+
+/// A look out of an organ, as far as the organ is long.
+struct Look<'a> {
+    positions_m: &'a [[f32; 3]],
+    locator: &'a Locator,
+    step_m: f32,
+}
+
+impl<'a> Look<'a> {
+    fn across(positions_m: &'a [[f32; 3]], locator: &'a Locator) -> Look<'a> {
+        let (low, high) = bounds(positions_m);
+        Look { positions_m, locator, step_m: (high - low).max_element() / LOOK_STEPS as f32 }
+    }
+
+    /// Whether it meets tissue of the same organ, out of a triangle of its boundary and along the normal.
+    fn meets_tissue(&self, triangle: &[u32; 3]) -> bool {
+        let [a, b, c] = triangle.map(|node| Vec3::from(self.positions_m[node as usize]));
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let at = |step: u32| ((a + b + c) / 3.0 + normal * (step as f32 * self.step_m)).to_array();
+        (1..=LOOK_STEPS).any(|step| self.locator.find(at(step)).is_some())
+    }
+}
+
+/// Whether a point is within a sphere.
+pub(crate) fn in_sphere(point: &[f64; 3], centre_m: &[f64; 3], radius_m: f64) -> bool {
+    (0..3).map(|axis| (point[axis] - centre_m[axis]).powi(2)).sum::<f64>() <= radius_m * radius_m
+}
+
+/// Whether a point is within a box.
+pub(crate) fn in_box(point: &[f64; 3], min_m: &[f64; 3], max_m: &[f64; 3]) -> bool {
+    (0..3).all(|axis| point[axis] >= min_m[axis] && point[axis] <= max_m[axis])
+}
+
 /// Marks the nodes of the named shapes.
 pub(crate) fn fixed_nodes(shapes: &[Fixed], positions_m: &[[f32; 3]], depth: &[f32], on_boundary: &[bool]) -> Vec<bool> {
     let held = |node: usize, shape: &Fixed| {
         let point = positions_m[node].map(f64::from);
         match shape {
-            Fixed::Sphere { centre_m, radius_m } => {
-                (0..3).map(|axis| (point[axis] - centre_m[axis]).powi(2)).sum::<f64>() <= radius_m * radius_m
-            }
-            Fixed::Box { min_m, max_m } => (0..3).all(|axis| point[axis] >= min_m[axis] && point[axis] <= max_m[axis]),
+            Fixed::Sphere { centre_m, radius_m } => in_sphere(&point, centre_m, *radius_m),
+            Fixed::Box { min_m, max_m } => in_box(&point, min_m, max_m),
             Fixed::BelowZM(z) => point[2] <= *z,
             Fixed::AboveZM(z) => point[2] >= *z,
             Fixed::OuterShell(share) => on_boundary[node] && f64::from(depth[node]) <= *share,

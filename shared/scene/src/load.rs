@@ -14,7 +14,7 @@ use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
 use crate::rigid::{LoadedRigid, load_rigid};
 use crate::source::{Folder, read_bounded};
-use crate::{case, embedded, mirror, wrap};
+use crate::{case, embedded, mirror, region, wrap};
 use glam::Vec3;
 use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
@@ -160,7 +160,10 @@ pub(crate) fn placed(
     let transforms = transforms(scene, &raw, workspace(scene).pivot_m, notes)?;
     let mut placed = Vec::new();
     for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
-        placed.push(raw.place(&scene.deformable[index], index, transform, notes)?);
+        let object = &scene.deformable[index];
+        let (mut mesh, surface) = raw.place(object, index, transform, notes)?;
+        region::assign(object, index, &mut mesh, notes)?;
+        placed.push((mesh, surface));
     }
     let drawn = seated(scene, &seats.of, &mut placed);
     let pivot_m = workspace(scene).pivot_m;
@@ -249,16 +252,21 @@ fn finish(
     }
     let depth = depth_under_hull(&mesh.positions_m);
     let deep = hollow_nodes(&mesh.positions_m, &boundary, locator);
-    let shapes = match (&object.fixed, &object.attach_to) {
+    let is_on_bed = object.region.iter().any(|region| region.bed_n_m4.is_some_and(|bed_n_m4| bed_n_m4 > 0.0));
+    let shapes = match (&object.fixed, object.attach_to.is_some() || is_on_bed) {
         (Some(shapes), _) => shapes.clone(),
-        (None, Some(_)) => Vec::new(),
-        (None, None) => default_shapes(!deep.is_empty(), &mesh.positions_m),
+        (None, true) => Vec::new(),
+        (None, false) => default_shapes(!deep.is_empty(), &mesh.positions_m),
     };
     let fixed = fixed_nodes(&shapes, &mesh.positions_m, &depth, &on_boundary);
     let held = fixed.iter().filter(|&&fixed| fixed).count();
     if held == fixed.len() {
         notes.push(format!("{}: every node is fixed, nothing will give way; make `fixed` smaller", object.name));
-    } else if held == 0 && object.attach_to.is_none() && object.fixed.as_ref().is_none_or(|shapes| !shapes.is_empty()) {
+    } else if held == 0
+        && !is_on_bed
+        && object.attach_to.is_none()
+        && object.fixed.as_ref().is_none_or(|shapes| !shapes.is_empty())
+    {
         notes.push(format!("{}: no node is fixed and it is attached to nothing: it will drift; add `fixed`", object.name));
     }
     let loaded = LoadedDeformable {
@@ -269,6 +277,7 @@ fn finish(
         bindings,
         fixed,
         material: object.material.clone(),
+        regions: region::loaded(object),
         attach: None,
         look: object.look,
         hollow: !deep.is_empty(),
@@ -320,6 +329,9 @@ fn content_hash(loaded: &LoadedScene) -> u64 {
         for binding in &object.bindings {
             hash.bytes(&binding.tet.to_le_bytes());
             hash.floats(&[binding.weights]);
+        }
+        if !object.regions.is_empty() {
+            object.mesh.regions.iter().for_each(|region| hash.bytes(&region.to_le_bytes()));
         }
         hash.bytes(&object.fixed.iter().map(|&fixed| u8::from(fixed)).collect::<Vec<_>>());
         for node in object.attach.iter().flat_map(|attach| &attach.nodes) {

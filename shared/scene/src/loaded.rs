@@ -3,6 +3,7 @@
 use crate::file::{DeformableKind, Look, Material, Scene};
 use crate::fluid::LoadedFluid;
 use crate::pose::{LoadedHand, Pose};
+use crate::region::LoadedRegion;
 use crate::rigid::LoadedRigid;
 use hyst_mesh::{Binding, TetMesh, TriangleMesh};
 
@@ -47,7 +48,7 @@ pub struct LoadedDeformable {
     pub name: String,
     /// Organ or pathology.
     pub kind: DeformableKind,
-    /// Its tets: sound, none inverted, in place.
+    /// Its tets: sound, none inverted, in place. The region of a tet is 0 where it is made of `material`, else that of `regions`, counted from 1.
     pub mesh: TetMesh,
     /// Its surface for the eye, in place.
     pub surface: TriangleMesh,
@@ -57,12 +58,22 @@ pub struct LoadedDeformable {
     pub fixed: Vec<bool>,
     /// What it is made of.
     pub material: Material,
+    /// Its parts that are made of something else, or that are held by what is around them.
+    pub regions: Vec<LoadedRegion>,
     /// Where it is rooted.
     pub attach: Option<Attach>,
     /// How it looks, if the scene says so.
     pub look: Option<Look>,
     /// Whether it has a cavity that the instrument can be in.
     pub hollow: bool,
+}
+
+impl LoadedDeformable {
+    /// Whether anything outside of the scene's objects holds it: a node is fixed, or a tet is on a bed.
+    pub fn is_held(&self) -> bool {
+        let on_bed = (1u32..).zip(&self.regions).filter(|(_, region)| region.bed_n_m4 > 0.0);
+        self.fixed.contains(&true) || on_bed.map(|(number, _)| number).any(|number| self.mesh.regions.contains(&number))
+    }
 }
 
 /// Where an object is rooted in another one.

@@ -14,13 +14,19 @@ pub(crate) fn names(scene: &Scene) -> Checked {
     let deformables = scene.deformable.iter().enumerate().map(|(i, d)| (format!("deformable[{i}].name"), &d.name));
     let rigids = scene.rigid.iter().enumerate().map(|(i, r)| (format!("rigid[{i}].name"), &r.name));
     for (key, name) in deformables.chain(rigids) {
-        if name.trim().is_empty() || name.len() > MAX_NAME_BYTES || name.chars().any(char::is_control) {
-            let what = format!("a name has 1 to {MAX_NAME_BYTES} bytes and no control characters");
-            return Err(SceneError::new(Kind::Name, key, what, "give a short name"));
-        }
+        is_name(&key, name)?;
         if !seen.insert(name) {
             return Err(SceneError::new(Kind::Name, key, format!("two objects are named “{name}”"), "rename one of them"));
         }
+    }
+    Ok(())
+}
+
+/// A name is short, and can be shown.
+pub(crate) fn is_name(key: &str, name: &str) -> Checked {
+    if name.trim().is_empty() || name.len() > MAX_NAME_BYTES || name.chars().any(char::is_control) {
+        let what = format!("a name has 1 to {MAX_NAME_BYTES} bytes and no control characters");
+        return Err(SceneError::new(Kind::Name, key, what, "give a short name"));
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use crate::embedded;
 use crate::error::SceneError;
 use crate::file::Scene;
 use crate::load::{Found, ReadScene, load_or_embedded, read_file};
-use crate::loaded::LoadedScene;
+use crate::loaded::{LoadedDeformable, LoadedScene};
 use crate::object::{self, RawObject};
 use crate::place::is_auto;
 use crate::source::Folder;
@@ -154,9 +154,20 @@ fn fill(report: &mut CheckReport, loaded: LoadedScene) {
             object.surface.triangles.len()
         );
         report.notes.push(line);
+        report.notes.extend(region_lines(object));
     }
     report.notes.extend(loaded.notes);
     report.hands = loaded.hands.into_iter().map(|hand| hand.name).collect();
+}
+
+/// What the regions of an object are, one sentence each.
+fn region_lines(object: &LoadedDeformable) -> impl Iterator<Item = String> + '_ {
+    (1u32..).zip(&object.regions).map(move |(number, region)| {
+        let tets = object.mesh.regions.iter().filter(|of| **of == number).count();
+        let modulus_kpa = 1e-3 * region.material.youngs_modulus_pa;
+        let bed = if region.bed_n_m4 > 0.0 { format!(", on a bed of {:.2e} N/m⁴", region.bed_n_m4) } else { String::new() };
+        format!("{}: “{}” is {tets} of its tets, of {modulus_kpa:.1} kPa{bed}", object.name, region.name)
+    })
 }
 
 fn object_report(name: &str, scale_to_m: Option<f64>, raw: &RawObject) -> ObjectReport {

@@ -1,10 +1,10 @@
 //! What the text of a scene alone can show to be wrong: ranges, names, attachments.
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::file::{Deformable, Fixed, Hand, HandPose, Scene, View, Workspace};
-use crate::fluid;
+use crate::file::{Deformable, Fixed, Hand, HandPose, Material, Scene, View, Workspace};
 use crate::instrument::Rigid;
 use crate::names::{attachments, names};
+use crate::{fluid, region};
 
 /// Most objects of each kind and most hands in a scene: each costs time at every tick or at every start.
 const MAX_OBJECTS: usize = 64;
@@ -94,20 +94,25 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
             range(format!("{key}.look"), share, 0.0, 1.0, "")?;
         }
     }
-    let material = &object.material;
-    if material.youngs_modulus_pa <= 0.0 {
-        let what = format!("is {} Pa, allowed is above 0 to 1e9 Pa", material.youngs_modulus_pa);
-        let cure = "give a value in this range; soft tissue has 1e3 to 1e6 Pa";
-        return Err(SceneError::new(Kind::Range, format!("{key}.material.youngs_modulus_pa"), what, cure));
-    }
-    range(format!("{key}.material.youngs_modulus_pa"), material.youngs_modulus_pa, 0.0, 1e9, "Pa")?;
-    range(format!("{key}.material.poisson_ratio"), material.poisson_ratio, 0.0, 0.49, "")?;
-    range(format!("{key}.material.density_kg_m3"), material.density_kg_m3, 100.0, 20_000.0, "kg/m³")?;
-    range(format!("{key}.material.damping_per_s"), material.damping_per_s, 0.0, 1e4, "1/s")?;
+    stuff(&object.material, &format!("{key}.material"))?;
+    region::validate(object, key)?;
     for (index, shape) in object.fixed.iter().flatten().enumerate() {
         fixed(shape, &format!("{key}.fixed[{index}]"))?;
     }
     Ok(())
+}
+
+/// The figures of a material, whose keys are in the table of this key.
+pub(crate) fn stuff(material: &Material, key: &str) -> Checked {
+    if material.youngs_modulus_pa <= 0.0 {
+        let what = format!("is {} Pa, allowed is above 0 to 1e9 Pa", material.youngs_modulus_pa);
+        let cure = "give a value in this range; soft tissue has 1e3 to 1e6 Pa";
+        return Err(SceneError::new(Kind::Range, format!("{key}.youngs_modulus_pa"), what, cure));
+    }
+    range(format!("{key}.youngs_modulus_pa"), material.youngs_modulus_pa, 0.0, 1e9, "Pa")?;
+    range(format!("{key}.poisson_ratio"), material.poisson_ratio, 0.0, 0.49, "")?;
+    range(format!("{key}.density_kg_m3"), material.density_kg_m3, 100.0, 20_000.0, "kg/m³")?;
+    range(format!("{key}.damping_per_s"), material.damping_per_s, 0.0, 1e4, "1/s")
 }
 
 fn fixed(shape: &Fixed, key: &str) -> Checked {

@@ -10,6 +10,7 @@ mod soften;
 use hyst_mesh::TetMesh;
 use nalgebra::Vector3;
 
+use crate::bed::Bed;
 use crate::bound;
 use crate::check;
 use crate::material::Material;
@@ -107,13 +108,17 @@ fn assemble(
     let held: Vec<bool> = fixed.iter().zip(&mass).map(|(&fixed, &mass)| fixed || mass == 0.0).collect();
     let own_mass_kg: f64 = mass.iter().sum();
     let unused_nodes = mass.iter().filter(|&&mass| mass == 0.0).count();
-    let stiffness = add_to_nodes(mesh, rest, |rest| rest.corner_stiffness_n_m);
+    let mut stiffness = add_to_nodes(mesh, rest, |rest| rest.corner_stiffness_n_m);
+    let beds = beds(mesh, rest, &held);
+    for Bed { node, stiffness_n_m } in &beds {
+        stiffness[*node as usize].iter_mut().for_each(|share| *share += f64::from(*stiffness_n_m));
+    }
     let stiffness = better_bound(stiffness, &mass, &held, options.contact_stiffness_n_m);
     let (added_mass_kg, scaled_nodes) = fit_step(&mut mass, &stiffness, own_mass_kg, options)?;
     let omega_max_per_s = bound::omega_per_s(&mass, &stiffness);
     let omega_rest_per_s = match options.omega_rest_per_s {
         Some(told_per_s) => told_per_s,
-        None => omega_rest_per_s(mesh, rest, &mass, &held, options)?,
+        None => omega_rest_per_s(mesh, rest, &mass, &held, &beds, options)?,
     };
     let omega_rest_per_s = omega_rest_per_s.min(omega_max_per_s);
     let mut report = ModelReport {
@@ -143,6 +148,7 @@ fn assemble(
         mass_kg: mass.iter().map(|&mass| mass as f32).collect(),
         bound_n_m: stiffness.iter().map(|&bound| bound as f32).collect(),
         held,
+        beds,
         options: *options,
         omega_rest_per_s,
         omega_max_per_s,
@@ -150,6 +156,16 @@ fn assemble(
     };
     report.substeps = model.substeps(options.step_s);
     Ok((model, report))
+}
+
+/// What holds the free nodes of material on beds, by ascending node.
+fn beds(mesh: &TetMesh, rest: &[Rest], held: &[bool]) -> Vec<Bed> {
+    if rest.iter().all(|rest| rest.corner_bed_n_m == 0.0) {
+        return Vec::new();
+    }
+    let sums = add_to_nodes(mesh, rest, |rest| [[rest.corner_bed_n_m, 0.0]; 4]);
+    let bed = |node: usize| Bed { node: node as u32, stiffness_n_m: sums[node][0] as f32 };
+    (0..sums.len()).filter(|node| !held[*node] && sums[*node][0] > 0.0).map(bed).collect()
 }
 
 /// The box is that of the nodes in use.
@@ -210,11 +226,20 @@ fn least(mut low: u32, high: u32, is_enough: impl Fn(u32) -> bool) -> u32 {
     high
 }
 
-fn omega_rest_per_s(mesh: &TetMesh, rest: &[Rest], mass: &[f64], held: &[bool], options: &Options) -> Result<f64, ModelError> {
+fn omega_rest_per_s(
+    mesh: &TetMesh,
+    rest: &[Rest],
+    mass: &[f64],
+    held: &[bool],
+    beds: &[Bed],
+    options: &Options,
+) -> Result<f64, ModelError> {
     let element = |(tet, data): (usize, &Rest)| {
         let (nodes, Rest { volume_m3, mu_pa, lambda_pa, .. }) = (&mesh.tets[tet], *data);
         Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element { nodes, gradients, volume_m3, mu_pa, lambda_pa })
     };
     let elements: Vec<Element<'_>> = rest.iter().enumerate().map(element).collect::<Result<_, _>>()?;
-    Ok(spectrum::omega_per_s(&elements, mass, held, options.contact_stiffness_n_m))
+    let mut outside_n_m = vec![options.contact_stiffness_n_m; mass.len()];
+    beds.iter().for_each(|bed| outside_n_m[bed.node as usize] += f64::from(bed.stiffness_n_m));
+    Ok(spectrum::omega_per_s(&elements, mass, held, &outside_n_m))
 }

@@ -35,6 +35,8 @@ pub struct Cuttable {
     pub position_m: Vec<[f32; 3]>,
     /// Velocity of each node, m/s.
     pub velocity_m_s: Vec<[f32; 3]>,
+    /// What each tet is made of, which its parts inherit; empty where a region tells it.
+    pub material: Vec<u32>,
     /// Whether a node is held in its place; a node on an edge between two held ones is held.
     pub fixed: Vec<bool>,
     /// Unit normal of the sheet, in the shape at rest, at each node that it runs through; 0 at all others.
@@ -193,6 +195,7 @@ impl Cuttable {
         Cuttable {
             position_m: rest.positions_m.clone(),
             velocity_m_s: vec![[0.0; 3]; nodes],
+            material: Vec::new(),
             fixed: vec![false; nodes],
             marks: vec![[0.0; 3]; nodes],
             wire: Vec::new(),
@@ -220,6 +223,7 @@ impl Cuttable {
             ("fixed", self.fixed.len(), nodes),
             ("marks", self.marks.len(), nodes),
             ("regions", self.rest.regions.len(), self.rest.tets.len()),
+            ("material", self.material.len(), if self.material.is_empty() { 0 } else { self.rest.tets.len() }),
         ];
         if let Some((what, found, expected)) = lists.into_iter().find(|(_, found, expected)| found != expected) {
             return Err(CutError::Length { what, found, expected });
@@ -335,6 +339,8 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
         tissue.skin.without_tets(&number);
         let mut kept = is_kept.iter().copied();
         tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
+        let mut kept = is_kept.iter().copied();
+        tissue.material.retain(|_| kept.next().unwrap_or(true));
         let mut kept = is_kept.into_iter();
         tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
     }

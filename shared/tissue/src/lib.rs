@@ -13,10 +13,12 @@
 //! exceeds its bound. Objects that hold each other ([`Attachment`]) are joined into one model ([`join`]).
 //! Cutting is a function of the same kind: [`cut()`] changes a [`Cuttable`], from which a [`ModelMaker`] makes a new model.
 
+mod bed;
 mod bound;
 mod build;
 mod check;
 mod cut;
+mod equilibrium;
 mod forces;
 mod isa;
 mod kernel;
@@ -35,6 +37,7 @@ mod step;
 
 pub use build::ModelMaker;
 pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
+pub use equilibrium::holding_forces;
 pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring, Push};

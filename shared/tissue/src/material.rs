@@ -1,4 +1,4 @@
-//! The elastic constants of one deformable object, checked once.
+//! The elastic constants of a deformable object or of a region of it, checked once.
 //!
 //! Promise: a [`Material`] that exists has finite Lamé constants and a positive density.
 
@@ -12,6 +12,7 @@ pub struct Material {
     poisson_ratio: f64,
     density_kg_m3: f64,
     damping_per_s: f64,
+    bed_n_m4: f64,
 }
 
 /// Why a material was refused.
@@ -29,6 +30,9 @@ pub enum MaterialError {
     /// Outside 0 to 10 000 per second.
     #[error("damping_per_s is {0}: give a value from 0 to 1e4 (tissue under water: 5 to 50)")]
     Damping(f64),
+    /// Outside 0 to 1e12 N/m⁴.
+    #[error("bed_n_m4 is {0}: give a value from 0 to 1e12 (what is around an organ: 1e7 to 1e9)")]
+    Bed(f64),
 }
 
 impl Material {
@@ -51,7 +55,16 @@ impl Material {
         if !(0.0..=1e4).contains(&damping_per_s) {
             return Err(MaterialError::Damping(damping_per_s));
         }
-        Ok(Self { youngs_modulus_pa, poisson_ratio, density_kg_m3, damping_per_s })
+        Ok(Self { youngs_modulus_pa, poisson_ratio, density_kg_m3, damping_per_s, bed_n_m4: 0.0 })
+    }
+
+    /// The same material on a bed: what is around it, as ligaments, holds it at its place at rest as springs do. `bed_n_m4` is their stiffness, N/m for
+    /// each m³ of the material: for a layer of a thickness it is that of the bed by area (Winkler's modulus, N/m³) over the thickness.
+    pub fn on_bed(self, bed_n_m4: f64) -> Result<Self, MaterialError> {
+        if !(0.0..=1e12).contains(&bed_n_m4) {
+            return Err(MaterialError::Bed(bed_n_m4));
+        }
+        Ok(Self { bed_n_m4, ..self })
     }
 
     /// The same material with this share of its stiffness.
@@ -77,6 +90,11 @@ impl Material {
     /// Rate of decay of a free velocity, 1/s.
     pub fn damping_per_s(&self) -> f64 {
         self.damping_per_s
+    }
+
+    /// Stiffness of what holds it at its place at rest, N/m for each m³; 0 for none.
+    pub fn bed_n_m4(&self) -> f64 {
+        self.bed_n_m4
     }
 
     /// Second Lamé constant μ (shear modulus), Pa.

@@ -3,6 +3,7 @@
 //! Promise: every index in a model is in range, every mass positive, every constant finite in single precision, and the
 //! substeps that it asks for keep explicit integration stable (see `bound`).
 
+use crate::bed::Bed;
 use crate::build::{Materials, ModelMaker};
 use crate::isa::Isa;
 use crate::layout::{Block, Corners, RestBlock, Row};
@@ -178,8 +179,10 @@ pub struct Model {
     pub(crate) tets: Vec<[u32; 4]>,
     /// Fixed by the caller, or used by no tet.
     pub(crate) held: Vec<bool>,
+    /// What holds nodes that are free otherwise.
+    pub(crate) beds: Vec<Bed>,
     pub(crate) mass_kg: Vec<f32>,
-    /// What bounds the stiffness at each node, contacts included, N/m.
+    /// What bounds the stiffness at each node, beds and contacts included, N/m.
     pub(crate) bound_n_m: Vec<f32>,
     /// Per node row: 1/m, 0 for held nodes and in the fourth lane; 1/kg.
     pub(crate) inv_mass: Vec<Row>,

@@ -23,12 +23,12 @@ pub(crate) struct Element<'a> {
     pub lambda_pa: f64,
 }
 
-/// Largest angular frequency, 1/s; 0 if every node is held. `contact_n_m` acts at every free node.
-pub(crate) fn omega_per_s(elements: &[Element<'_>], mass_kg: &[f64], held: &[bool], contact_n_m: f64) -> f64 {
+/// Largest angular frequency, 1/s; 0 if every node is held. `outside_n_m`: stiffness of what acts on each node from outside, which is asked of free ones.
+pub(crate) fn omega_per_s(elements: &[Element<'_>], mass_kg: &[f64], held: &[bool], outside_n_m: &[f64]) -> f64 {
     let mut shape = start(held);
     let (mut omega, mut before) = (0.0f64, 0.0f64);
     for iteration in 1..=ITERATIONS_MAX {
-        let mut image: Vec<Vector3<f64>> = shape.iter().map(|u| u * contact_n_m).collect();
+        let mut image: Vec<Vector3<f64>> = shape.iter().zip(outside_n_m).map(|(u, stiffness)| u * *stiffness).collect();
         elements.iter().for_each(|element| add_image(element, &shape, &mut image));
         let (mut energy, mut inertia, mut size) = (0.0, 0.0, 0.0);
         for (node, force) in image.iter_mut().enumerate() {

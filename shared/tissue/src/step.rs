@@ -3,6 +3,7 @@
 //! Promises: no allocation, no panic, no NaN in the output whatever the input holds; every correction is counted.
 //! Rotations are sought once, at the positions of t, and kept for all substeps.
 
+use crate::bed;
 use crate::forces::BoundSurface;
 use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
@@ -264,6 +265,7 @@ fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N:
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
         links.add_forces(&grip, ready, (at, rate), sum);
+        bed::add_forces(&model.beds, &model.rest_m, at, sum);
         let constants = Constants {
             kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
             drift_s: if substep == substeps { 0.0 } else { substep_s },

@@ -3,10 +3,10 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{FaultKind, Injection, Keepers, Place, Target, Which};
-use crate::plan;
+use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Keepers, Place, Target, Which};
+use crate::{plan, policy};
 use hyst_engine::Settings;
-use hyst_messages::{MAX_WORKERS, Role};
+use hyst_messages::{MAX_WORKERS, Role, Slot};
 use serde::{Deserialize, Serialize};
 
 /// What the station is doing when the fault comes.
@@ -28,17 +28,19 @@ pub enum State {
 }
 
 impl State {
+    /// All of them with their names.
+    pub const ALL: [(State, &'static str); 6] = [
+        (State::Any, "any"),
+        (State::Idle, "idle"),
+        (State::Contact, "contact"),
+        (State::Cutting, "cutting"),
+        (State::Recovery, "recovery"),
+        (State::Swap, "swap"),
+    ];
     /// The state that a word names.
     pub fn parse(text: &str) -> Result<State, String> {
-        match text {
-            "any" => Ok(State::Any),
-            "idle" => Ok(State::Idle),
-            "contact" => Ok(State::Contact),
-            "recovery" => Ok(State::Recovery),
-            "cutting" => Ok(State::Cutting),
-            "swap" => Ok(State::Swap),
-            _ => Err(format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap")),
-        }
+        let found = State::ALL.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
+        found.ok_or_else(|| format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap"))
     }
     fn suffix(self) -> &'static str {
         match self {
@@ -177,11 +179,15 @@ impl Group {
         let devices_ended =
             [target.split(':').next(), swap.map(Role::name)].into_iter().filter(|name| *name == Some(Role::Device.name()));
         let device_ticks = devices_ended.count() as u64 * DEVICE_TICKS;
+        let what = injection(kind, target, &self.options)?;
+        for hurt in std::iter::once(&what).chain(&with) {
+            comes_back(hurt, &self.may)?;
+        }
         let beside = swap.map(|role| format!(" {}", role.name())).unwrap_or_default();
         let from = self.with.as_ref().map(|with| format!(" from {with}")).unwrap_or_default();
         Ok(Cell {
             name: format!("{kind} {target}{}{beside}{from}{options}", state.suffix()),
-            injection: injection(kind, target, &self.options)?,
+            injection: what,
             state,
             count: self.count,
             limit_upper95: self.limit_upper95.or(if self.pool.is_some() { None } else { Some(limit_upper95) }),
@@ -233,6 +239,27 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
     let injection: Injection = table.try_into().map_err(|e: toml::de::Error| e.message().to_string())?;
     injection.check()?;
     Ok(injection)
+}
+
+/// Refuses a fault of starts after which nobody comes back, by design: there is nothing to be judged.
+fn comes_back(injection: &Injection, may: &[May]) -> Result<(), String> {
+    let is_of_start = injection.kind.mischief().is_some_and(|what| what.is_of_start());
+    let Some(Target { role, which }) = Target::parse(&injection.target).filter(|_| is_of_start) else { return Ok(()) };
+    let (kind, target) = (injection.kind.name(), &injection.target);
+    if which == Which::Newcomer && Slot::guest(role).is_some() {
+        return Err(format!(
+            "{kind} {target}: it has no successor whose start could be hindered, for its swap is undone; take kill"
+        ));
+    }
+    let most = policy::limits(role).most_short_lives;
+    let times = injection.times.unwrap_or(DEFAULT_TIMES);
+    if injection.kind == FaultKind::CrashLoop && times >= most && !may.contains(&May::StationEnds) {
+        return Err(format!(
+            "{kind} {target}: times = {times}: after {most} short lives in a row its place is given up by design; take fewer, or \
+             may = [\"station-ends\"]"
+        ));
+    }
+    Ok(())
 }
 
 /// Whether a target is the process that a swap brings.

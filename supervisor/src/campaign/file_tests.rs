@@ -100,6 +100,32 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
     assert!(parse("t", &text.replace("record = false", "")).is_ok());
 }
 
+/// Both were accepted, and had no recovery that could be judged.
+#[test]
+fn a_fault_after_which_nobody_comes_back_by_design_is_refused() {
+    let cell = |keys: &str| parse("t", &format!("[[cell]]\ncount = 1\n{keys}\n"));
+    let loops = |target: &str, times: u32, more: &str| {
+        cell(&format!("kinds = [\"crash-loop\"]\ntargets = [\"{target}\"]\ntimes = {times}\n{more}"))
+    };
+    assert!(loops("rendering", 7, "").is_ok() && loops("recorder", 14, "").is_ok());
+    for (target, times) in [("rendering", 8), ("recorder", 15), ("device", 20)] {
+        assert!(loops(target, times, "").unwrap_err().contains("given up by design"), "{target}");
+        assert!(loops(target, times, "may = [\"station-ends\"]").is_ok(), "{target}");
+    }
+    for kind in ["hang-start", "crash-loop"] {
+        let newcomer = |role: &str| {
+            cell(&format!("kinds = [\"{kind}\"]\ntargets = [\"{role}:newcomer\"]\nstates = [\"swap\"]\nswap = \"{role}\""))
+        };
+        for role in ["tissue", "fluid"] {
+            assert!(newcomer(role).unwrap_err().contains("no successor"), "{kind} {role}");
+        }
+        assert!(newcomer("rendering").is_ok(), "{kind}: the old engine comes back in its place");
+    }
+    let beside =
+        "kinds = [\"kill\"]\ntargets = [\"haptic:active\"]\nstates = [\"recovery\"]\nwith = \"crash-loop tissue:active times=9\"";
+    assert!(cell(beside).unwrap_err().contains("given up by design"));
+}
+
 #[test]
 fn a_fault_in_a_recovery_has_another_beside_it() {
     let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\", \"fluid\"]\nstates = [\"recovery\"]\ncount = 1\n";

@@ -2,8 +2,8 @@
 //! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase.
 //!
 //! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
-//! nothing can be said because too much was void (of a batch: all of it), too few faults came about, or the run stopped before its batch was through (Ctrl-C, stations that do not
-//! come up).
+//! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
+//! before its batch was through (Ctrl-C, stations that do not come up).
 
 pub mod bounds;
 pub mod cell;
@@ -33,6 +33,8 @@ mod report_tests;
 
 use crate::cli::CampaignArgs;
 use crate::settings::Refusal;
+use draw::Plan;
+use file::Campaign;
 use hyst_exchange::Station;
 use judge::Judgement;
 use runner::Runner;
@@ -49,14 +51,30 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     if let Some(index) = args.only.filter(|index| *index >= plan.faults.len()) {
         return Err(Refusal::input(format!("--only {index}: the plan has faults 0 to {}", plan.faults.len() - 1)));
     }
-    say(args.json, &plan.text());
-    campaign.cannot_show().iter().for_each(|line| eprintln!("hystation: {line}"));
+    if args.plan && args.json {
+        say(false, &format!("{:#}\n", serde_json::to_value(&plan).unwrap_or_default()));
+    } else {
+        say(args.json, &plan.text());
+    }
+    let blind = fit::warn_of_blind(&campaign).map(str::to_string);
+    campaign.cannot_show().iter().chain(&blind).for_each(|line| eprintln!("hystation: {line}"));
     if args.plan {
         return Ok(0);
     }
     room::check(&campaign, args.report.as_deref())
         .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
+    let code = in_folder(name, args, &campaign, &plan, &mut store);
+    if !matches!(code, Ok(0))
+        && let Some(folder) = store.keep()
+    {
+        eprintln!("hystation: what came of it is kept in {}", folder.display());
+    }
+    code
+}
+
+/// Runs it, its results in a folder.
+fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, store: &mut Store) -> Result<u8, Refusal> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
@@ -68,15 +86,16 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
             "a station named {name:?} is running; a campaign starts its own: give another --name"
         )));
     }
-    let runner = Runner { campaign: &campaign, plan: &plan, station, interrupted, json: args.json };
+    let runner = Runner { campaign, plan, station, interrupted, json: args.json };
     if let Some(index) = args.only {
-        return runner.repeat(index, &mut store);
+        return runner.repeat(index, store);
     }
     let before = store.outcomes.len();
-    let stopped = runner.run(&mut store, args.batch.unwrap_or(usize::MAX))?;
-    let judged = |outcomes| judge::judge(&campaign, &plan, outcomes, &store.stations, stopped.as_deref());
-    let judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
-    report(&judgement, &store)?;
+    let stopped = runner.run(store, args.batch.unwrap_or(usize::MAX))?;
+    let judged = |outcomes| judge::judge(campaign, plan, outcomes, &store.stations, stopped.as_deref());
+    let mut judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
+    fit::note_blind(&mut judgement, campaign, &store.stations);
+    report(&judgement, store)?;
     if args.json {
         say(false, &format!("{:#}\n", serde_json::to_value(&judgement).unwrap_or_default()));
     } else {

@@ -50,7 +50,9 @@ impl Runner<'_> {
         let json = json!({ "outcome": outcome, "off_us": off_us, "figures": figures, "station": station, "verdict": why, "exit_code": code });
         let json = serde_json::to_string_pretty(&json).map_err(|e| Refusal::failed(e.to_string()))?;
         store.write(&format!("only-{index}.json"), &json)?;
-        say(false, &format!("{json}\n"));
+        if self.json {
+            say(false, &format!("{json}\n"));
+        }
         Ok(code)
     }
 }

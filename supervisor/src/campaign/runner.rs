@@ -1,13 +1,13 @@
 //! The faults of a plan, one after another: stations are started for them, hurt, stopped, and what came of both is handed on.
 
 use super::draw::{Entry, FIRST_TICK, Plan};
-use super::file::Campaign;
+use super::file::{Arm, Campaign};
 use super::origin::Origin;
 use super::outcome::Outcome;
 use super::session::{Session, Trouble};
 use super::station::StationOutcome;
 use super::store::Store;
-use super::{say, text};
+use super::{fit, say, text};
 use crate::settings::Refusal;
 use hyst_exchange::{Station, system};
 use std::path::Path;
@@ -69,7 +69,8 @@ impl Runner<'_> {
         take: &mut dyn FnMut(Outcome) -> Result<(), Refusal>,
     ) -> Result<StationOutcome, Refusal> {
         let Some(first) = entries.first() else { return Ok(StationOutcome::default()) };
-        let mut station = StationOutcome { run, station: first.station, arm: first.arm.clone(), ..StationOutcome::default() };
+        let (arm, blind) = (first.arm.clone(), !fit::has_canaries(self.campaign, self.arm_of(first)));
+        let mut station = StationOutcome { run, station: first.station, arm, blind, ..StationOutcome::default() };
         let trouble;
         let mut cut_ns = u64::MAX;
         match self.start(entries, files) {
@@ -127,9 +128,13 @@ impl Runner<'_> {
         Ok((None, u64::MAX))
     }
 
+    fn arm_of(&self, entry: &Entry) -> &Arm {
+        let named = self.campaign.arms.iter().find(|arm| arm.name == entry.arm);
+        named.unwrap_or(&self.campaign.arms[0]) // a plan names arms of its campaign alone
+    }
+
     fn start(&self, entries: &[&Entry], files: &Path) -> Result<Session, Trouble> {
-        let arm = self.campaign.arms.iter().find(|arm| Some(&arm.name) == entries.first().map(|entry| &entry.arm));
-        let arm = arm.unwrap_or(&self.campaign.arms[0]); // a plan names arms of its campaign alone
+        let arm = entries.first().map_or(&self.campaign.arms[0], |first| self.arm_of(first));
         Session::start(self.campaign, arm, entries, &self.station, files, Arc::clone(&self.interrupted))
     }
 

@@ -17,7 +17,7 @@ use crate::ledger::AFTERMATH_TICKS;
 use crate::plan::Plan;
 use crate::remains;
 use crate::view::Viewer;
-use closing::Asked;
+use closing::{Asked, Done};
 pub use end::Ended;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -237,15 +237,15 @@ impl Session {
         // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
         let seed = cell.injection.place.map(|_| cell.injection.seed.unwrap_or(entry.index as u64));
         let injection = Injection { seed, ..cell.injection.clone() };
-        let has_first = matches!(first, Some(Ok(_)));
+        let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
         let done = first.transpose().and_then(|_| self.inject(&injection, tick, entry.phase_us));
-        let asked = |struck_ns| Asked { sent_ns, answered_ns: system::now_ns(), struck_ns };
+        let asked = |by_ns: u64, struck_ns| Asked { sent_ns, by_ns: by_ns.max(first_by_ns.unwrap_or(0)), struck_ns };
         self.whole_since_tick = None;
         match done {
-            Ok(struck_ns) => self.close(outcome, cell, asked(struck_ns)),
+            Ok(Done { by_ns, struck_ns }) => self.close(outcome, cell, asked(by_ns, struck_ns)),
             Err(reason) => {
                 (outcome.ending, outcome.reason) = (Ending::Refused, reason);
-                if has_first { self.close_first(outcome, cell, asked(None)) } else { Ok(()) }
+                if first_by_ns.is_some() { self.close_first(outcome, cell, asked(system::now_ns(), None)) } else { Ok(()) }
             }
         }
     }
@@ -259,15 +259,15 @@ impl Session {
         }
     }
 
-    /// Gives when a keeper was struck: of an engine the station says it.
-    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Option<u64>, String> {
+    /// Gives when a keeper was struck: of an engine the station says it, also where nobody has answered.
+    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Done, String> {
         let start_ns = self.viewer.as_ref().map_or(0, |viewer| viewer.page().start_of(tick));
         system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most a quarter of a second, for a second fault
         if let Some(keepers) = Keepers::parse(&injection.target) {
-            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000).map(Some);
+            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000).map(Done::at);
         }
         let request = Injection { tick, phase_us, ..injection.clone() };
-        control::ask(&self.station, &Request::Fault(request)).map(|_| None)
+        Done::of_answer(control::ask_once(&self.station, &Request::Fault(request)).map(drop), system::now_ns())
     }
 }
 

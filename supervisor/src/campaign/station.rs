@@ -18,6 +18,9 @@ pub struct StationOutcome {
     /// By which programs it was run, where and when; none of those that were run before that was noted.
     #[serde(default)]
     pub origin: Option<Origin>,
+    /// It had no canaries: of a stall of the host nobody knows, and its ticks count as any other.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub blind: bool,
     /// Number of the station in the plan; more than once if it was started again to go on.
     pub station: usize,
     /// Arm.

@@ -1,5 +1,6 @@
 //! The folder of a campaign's results. A line of `results.jsonl` is written when its fault is closed, so that a campaign that is interrupted,
-//! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed; a plan of which nothing came gives way.
+//! or run in batches, goes on where it ended. One campaign at a time has the folder. Results of another file, seed or plan are refused, never mixed; a plan of
+//! which nothing came gives way.
 
 use super::draw::Plan;
 use super::origin::Origin;
@@ -9,6 +10,8 @@ use crate::settings::Refusal;
 use hyst_exchange::whole;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
+use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -16,12 +19,32 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
-    /// Made for this run alone, and removed at its end.
+    /// Open, and locked, as long as this campaign has it.
+    _lock: File,
+    /// Made for this run alone, and removed at its end unless it is kept.
     passing: bool,
     /// One for each fault that is through.
     pub outcomes: Vec<Outcome>,
     /// One for each run of a station.
     pub stations: Vec<StationOutcome>,
+}
+
+/// The file that says what the results are of.
+const PLAN: &str = "plan.json";
+/// Passing folders of one process id that are tried: each was kept by a campaign before this one.
+const MOST_PASSING: usize = 1_000;
+
+/// Makes a folder that nobody else has.
+fn passing() -> Result<PathBuf, Refusal> {
+    let named = |number: usize| std::env::temp_dir().join(format!("hystation-campaign-{}-{number}", std::process::id()));
+    for path in (0..MOST_PASSING).map(named) {
+        match std::fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(Refusal::failed(format!("{}: {error}; give --report FOLDER", path.display()))),
+        }
+    }
+    Err(Refusal::failed(format!("{} holds too many campaigns; remove some, or give --report FOLDER", named(0).display())))
 }
 
 fn refuse(path: &Path, what: &str) -> Refusal {
@@ -31,12 +54,18 @@ fn refuse(path: &Path, what: &str) -> Refusal {
 impl Store {
     /// Opens or makes the folder; without one, a passing one.
     pub fn open(folder: Option<&Path>, plan: &Plan) -> Result<Store, Refusal> {
-        let passing = std::env::temp_dir().join(format!("hystation-campaign-{}", std::process::id()));
-        let path = folder.unwrap_or(&passing);
-        let path = std::path::absolute(path).map_err(|e| refuse(path, &e.to_string()))?;
+        let path = match folder {
+            Some(path) => std::path::absolute(path).map_err(|e| refuse(path, &e.to_string()))?,
+            None => passing()?,
+        };
         std::fs::create_dir_all(&path).map_err(|e| refuse(&path, &format!("{e}; give a folder that can be made")))?;
+        let lock = File::open(&path).map_err(|e| refuse(&path, &e.to_string()))?;
+        // Where a file system knows no locks, whoever calls has to take care.
+        if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
+            return Err(refuse(&path, "another campaign is at work in it; wait for its end, or give another folder"));
+        }
         let text = serde_json::to_string_pretty(plan).map_err(|e| refuse(&path, &e.to_string()))?;
-        let plan_file = path.join("plan.json");
+        let plan_file = path.join(PLAN);
         let is_there = |name: &str| std::fs::metadata(path.join(name)).is_ok_and(|file| file.len() > 0);
         let has_results = ["results.jsonl", "stations.jsonl"].into_iter().any(is_there);
         match std::fs::read_to_string(&plan_file) {
@@ -54,10 +83,23 @@ impl Store {
             outcomes: lines(&path, "results.jsonl")?,
             stations: lines(&path, "stations.jsonl")?,
             folder: path,
+            _lock: lock,
             passing: folder.is_none(),
         };
-        store.outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
+        // One that two campaigns wrote counts once.
+        let mut known = BTreeSet::new();
+        let is_of_plan = |outcome: &Outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell);
+        store.outcomes.retain(|outcome| is_of_plan(outcome) && known.insert(outcome.index));
         Ok(store)
+    }
+
+    /// Has a passing folder outlive this run, if a station has left anything in it; says where it is.
+    pub fn keep(&mut self) -> Option<&Path> {
+        let is_more = |entry: std::fs::DirEntry| entry.file_name() != PLAN;
+        let has_more = std::fs::read_dir(&self.folder).is_ok_and(|entries| entries.flatten().any(is_more));
+        let is_kept = self.passing && has_more;
+        self.passing &= !has_more;
+        is_kept.then_some(self.folder.as_path())
     }
 
     /// The folder.
@@ -139,6 +181,30 @@ mod tests {
     use super::*;
     use crate::campaign::{draw, file};
 
+    /// A verdict named the logs of stations in a folder that was gone by then.
+    #[test]
+    fn a_passing_folder_goes_with_its_campaign_unless_it_is_kept_and_no_two_have_the_same() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
+        let plan = draw::plan(&file::parse("t", text).unwrap(), 1);
+        let mut idle = Store::open(None, &plan).unwrap();
+        let mut other = Store::open(None, &plan).unwrap();
+        assert_ne!(idle.folder(), other.folder());
+        std::fs::write(other.folder().join("run-0.log"), "what a station said").unwrap();
+        let folders = [&idle, &other].map(|store| store.folder().to_path_buf());
+        assert_eq!(
+            (idle.keep(), other.keep()),
+            (None, Some(folders[1].as_path())),
+            "one in which no station has run is of no use"
+        );
+        drop((idle, other));
+        assert_eq!(folders.each_ref().map(|folder| folder.is_dir()), [false, true]);
+        std::fs::remove_dir_all(&folders[1]).unwrap();
+        let mut named = Store::open(Some(&folders[0]), &plan).unwrap();
+        assert_eq!(named.keep(), None, "nobody has to be told where it is");
+        drop(named);
+        std::fs::remove_dir_all(&folders[0]).unwrap();
+    }
+
     #[test]
     fn results_outlive_a_kill_in_the_middle_of_a_line_and_are_not_mixed() {
         let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
@@ -152,20 +218,27 @@ mod tests {
         let results = folder.join("results.jsonl");
         let whole = std::fs::read_to_string(&results).unwrap();
         std::fs::write(&results, format!("{whole}{{\"index\":2,\"stat")).unwrap();
-        let again = Store::open(Some(&folder), &plan).unwrap();
+        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        assert!(refused.code == 2 && refused.message.contains("another campaign is at work"), "{}", refused.message);
+        drop(store);
+        let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
         assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
         let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
         let (own, another) = (build("f00"), build("bad"));
         assert!(again.check_build(&own).is_ok(), "nothing was run yet");
-        store.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
+        again.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
+        drop(again);
         let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert!(again.check_build(&own).is_ok());
         let refused = again.check_build(&another).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
         again.add_station(StationOutcome::default()).unwrap();
         assert_eq!(again.check_build(&own).unwrap_err().code, 2, "of whom nobody knows");
+        drop(again);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
+        std::fs::write(&results, whole.repeat(2)).unwrap();
+        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 2, "two campaigns wrote them");
         std::fs::write(&results, "{}\n").unwrap();
         assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
         std::fs::remove_dir_all(&folder).unwrap();

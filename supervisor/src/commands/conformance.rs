@@ -1,19 +1,23 @@
 //! `hystation conformance`: tells an engine's author what is wrong with it before a trainee's station does. The engine is verified, called with
 //! arguments that it must refuse, and swapped into a private station of its own, whose every check it has to pass; there it is killed once, and has to come
-//! back; then that station is stopped, and what is left of it is counted.
+//! back; its steps are looked at, and whether it does wrong when it is asked to; then that station is stopped, how it ends with it is looked at, and what is left
+//! of it is counted.
 //!
 //! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in.
 
 mod driver;
+mod own;
 
 use super::swap::swap_and_wait;
 use crate::policy::{self, Cause};
 use crate::settings::Refusal;
 use crate::swap::{role_of, stated, verify};
-use crate::view::Viewer;
+use crate::view::{ProcessView, Viewer};
 use hyst_exchange::{Station, system};
 use hyst_messages::Role;
 use serde::Serialize;
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -29,6 +33,7 @@ const TRIES: usize = 3;
 const BACK_WITHIN_NS: u64 = 30_000_000_000;
 /// What that is called.
 const NO_TIME: &str = "gets time to show what it is";
+const PASSES: &str = "passes its probation";
 const COMES_BACK: &str = "comes back after its death";
 /// How long an engine may take to refuse arguments: a loader on a busy machine.
 const REFUSES_WITHIN_NS: u64 = 10_000_000_000;
@@ -65,29 +70,33 @@ pub fn conformance(role: &str, binary: &Path, place: Place, json: bool) -> Resul
             2 => refusal,
             _ => Refusal { code: 3, ..refusal }, // it says nothing of the driver
         })?;
-        return Ok(tell(DRIVER, &binary, &checks, "a station would not be safe with it", json));
+        return Ok(tell(DRIVER, &binary, &checks, &[], "a station would not be safe with it", json));
     }
     let role = role_of(role).map_err(Refusal::input)?;
     let described = verify::verify(&binary, role).map_err(Refusal::input)?;
     let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
     let mut checks = vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(&binary))];
-    checks.extend(in_a_station(role, &binary, place)?);
-    Ok(tell(role.name(), &binary, &checks, "a swap would be rolled back", json))
+    let (found, log) = in_a_station(role, &binary, place)?;
+    checks.extend(found);
+    Ok(tell(role.name(), &binary, &checks, &log, "a trainee's station would not be safe with it", json))
 }
 
-/// Says what was found; gives the exit code.
-fn tell(role: &str, binary: &Path, checks: &[Check], else_what: &str, json: bool) -> u8 {
+/// Says what was found, and if something is bad what the engine has printed last; gives the exit code.
+fn tell(role: &str, binary: &Path, checks: &[Check], log: &[String], else_what: &str, json: bool) -> u8 {
     let good = checks.iter().all(|check| check.good);
     let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
     let code = if is_shown { u8::from(!good) } else { 3 };
+    let log: &[String] = if good { &[] } else { log };
     if json {
         let conforms = is_shown.then_some(good);
-        println!("{:#}", serde_json::json!({ "role": role, "binary": binary, "conforms": conforms, "checks": checks }));
+        let all = serde_json::json!({ "role": role, "binary": binary, "conforms": conforms, "checks": checks, "log": log });
+        println!("{all:#}");
         return code;
     }
     for check in checks {
         println!("{}  {:<28} {}", if check.good { "good" } else { "BAD " }, check.what, check.why);
     }
+    log.iter().for_each(|line| println!("log   {line}"));
     let verdict = match code {
         0 => "conforms".to_string(),
         1 => format!("does not conform; {else_what}"),
@@ -129,21 +138,31 @@ impl Drop for Private {
     }
 }
 
-fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<Vec<Check>, Refusal> {
+/// A file without a name, which is gone with whoever has it open, however that ends.
+fn nameless(path: &Path) -> Result<File, Refusal> {
+    let file = File::options().read(true).write(true).create_new(true).open(path);
+    let file = file.and_then(|file| std::fs::remove_file(path).map(|()| file));
+    file.map_err(|e| Refusal::failed(format!("{}: {e}", path.display())))
+}
+
+/// What was found of an engine in a station of its own, and what it printed there last. The station is in test mode, so that the engine can be asked to do wrong.
+fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<(Vec<Check>, Vec<String>), Refusal> {
     let name = format!("conformance-{}", std::process::id());
     let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let folder = std::env::temp_dir().join(&name);
-    std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
     let mut command = Command::new(program);
-    command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--hand", place.hand]);
+    command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--test-mode", "--hand", place.hand]);
+    command.arg("--passing").arg(&folder); // the station's to remove: this command may be interrupted
     if let Some(scene) = place.scene {
         command.arg(scene);
     }
     if role == Role::Recorder {
         command.arg("--record").arg(folder.join("session.mcap"));
     }
-    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0).spawn();
+    let mut said = nameless(&folder.with_extension("said"))?;
+    let lines = said.try_clone().map_err(|e| Refusal::failed(e.to_string()))?;
+    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(lines).process_group(0).spawn();
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
     let mut private = Private { station, child };
     let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
@@ -151,13 +170,19 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<Vec<Check>, R
         _ => Refusal { code: 3, ..refusal }, // it says nothing of the engine
     });
     let station = private.station.clone();
+    let (log, ends) = (own::last_lines(&station, role), own::Ends::of(&station, role));
     drop(private);
-    let _ = std::fs::remove_dir_all(&folder); // it is in the system's folder for such things
+    let mut words = String::new();
+    let _ = said.rewind().and_then(|()| said.read_to_string(&mut words)); // without them the exit codes are what there is
     let mut checks = checks?;
+    // Of one that was rolled back nobody is left to end.
+    if checks.iter().any(|check| check.what == PASSES && check.good) {
+        checks.push(check("ends with the station", ends.told(&words)));
+    }
     let left = station.leftovers();
     let nothing = if left.is_empty() { Ok("no process, no shared memory, no file".into()) } else { Err(format!("{left:?}")) };
     checks.push(check("leaves nothing behind", nothing));
-    Ok(checks)
+    Ok((checks, log))
 }
 
 /// Whether each slot of the station has a process that works; the incarnations of a role.
@@ -195,27 +220,36 @@ fn wait_until(private: &mut Private, role: Role, within_ns: u64, is_it: impl Fn(
     }
 }
 
+/// Who does the role's work, as soon as the station is whole and somebody does.
+fn active(role: Role, private: &mut Private) -> Result<ProcessView, String> {
+    let deadline_ns = system::now_ns() + BACK_WITHIN_NS;
+    loop {
+        wait_until(private, role, BACK_WITHIN_NS, |_| true).map_err(|refusal| refusal.message)?;
+        let view = Viewer::open(&private.station).map_err(|error| error.to_string())?.look();
+        let is_it = |process: &ProcessView| process.active && process.name.split(':').next() == Some(role.name());
+        if let Some(active) = view.processes.into_iter().find(is_it) {
+            return Ok(active);
+        }
+        if system::now_ns() >= deadline_ns {
+            return Err("nobody does the role's work".into());
+        }
+        system::sleep_ns(LOOK_NS);
+    }
+}
+
 /// Kills who does the role's work: one that has a spare of its own kind gives the role to that, any other is started again; and all are there again.
-fn comes_back(role: Role, private: &mut Private) -> Result<Check, Refusal> {
-    let failed = |error: &dyn std::fmt::Display| Refusal::failed(error.to_string());
-    let view = Viewer::open(&private.station).map_err(|error| failed(&error))?.look();
-    let is_it = |process: &&crate::view::ProcessView| process.active && process.name.split(':').next() == Some(role.name());
-    let Some(active) = view.processes.iter().find(is_it) else {
-        return Ok(check(COMES_BACK, Err("nobody does the role's work".into())));
-    };
-    let (pid, incarnation) = (active.pid, active.incarnation);
+fn comes_back(role: Role, private: &mut Private) -> Result<String, String> {
+    let ProcessView { pid, incarnation, .. } = active(role, private)?;
     crate::proc::signal(pid, rustix::process::Signal::KILL);
     let is_replaced = |incarnations: &[u32]| !incarnations.contains(&incarnation);
-    let back = match wait_until(private, role, BACK_WITHIN_NS, is_replaced) {
-        Ok(after_ns) => Ok(format!("whole again after {:.1} s", after_ns as f64 * 1e-9)),
-        Err(refusal) => Err(refusal.message),
-    };
-    Ok(check(COMES_BACK, back))
+    let after_ns = wait_until(private, role, BACK_WITHIN_NS, is_replaced).map_err(|refusal| refusal.message)?;
+    Ok(format!("whole again after {:.1} s", after_ns as f64 * 1e-9))
 }
 
 fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check>, Refusal> {
     wait_until(private, role, WHOLE_WITHIN_NS, |_| true)?;
     let station = &private.station.clone();
+    let late = own::late_share(station, role);
     let mut record = swap_and_wait(station, role.name(), binary)?;
     for _ in 1..TRIES {
         if record.cause == Some(Cause::NoTime) {
@@ -235,9 +269,11 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
     checks.extend(stated(role).into_iter().map(|text| check("  tolerance", Ok(text))));
     let is_proven = record.promoted == Some(true);
     let proven = if is_proven { Ok("nobody had a reason to doubt it".into()) } else { Err(record.reason) };
-    checks.push(check("passes its probation", proven));
+    checks.push(check(PASSES, proven));
     if is_proven {
-        checks.push(comes_back(role, private)?);
+        checks.push(check(COMES_BACK, comes_back(role, private)));
+        checks.extend(own::steps(role, private, late));
+        checks.extend(own::does_wrong(role, private));
     }
     Ok(checks)
 }

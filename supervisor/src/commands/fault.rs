@@ -1,20 +1,33 @@
 //! `hystation fault`: faults on purpose, in a station in test mode.
+//!
+//! Exit codes of `inject`: 0 it was done, 1 it was begun, or may have been, and not as it was asked for, or the state that it waits for did not come, 2 it was
+//! refused and nobody is hurt, 3 it was interrupted and has ended before its time.
 
+#[cfg(test)]
+mod documented;
 mod state;
 
+use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
-use crate::control::{self, Request};
-use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
+use crate::control::{self, NoAnswer, Request};
+use crate::doing::Wanted;
+use crate::faultfile::{Aim, FaultKind, Helper, Injection, Output, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
+use crate::struck::Struck;
 use crate::swap::Record;
 use crate::{keepers, shortage};
-use hyst_exchange::{Station, system};
+use hyst_exchange::{Station, StationPage, system};
+use serde_json::{Value, json};
 
 /// Lists the kinds, injects one, or many by a campaign.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     match command {
-        FaultCommand::List => {
+        FaultCommand::List { json: true } => {
+            println!("{:#}", list_json());
+            Ok(0)
+        }
+        FaultCommand::List { json: false } => {
             print!("{}", list());
             Ok(0)
         }
@@ -36,6 +49,15 @@ fn list() -> String {
     lines + KEEPERS
 }
 
+/// The same for programs, with what else a fault can be given.
+fn list_json() -> Value {
+    let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
+    let states: Vec<&str> = State::ALL.iter().map(|(_, name)| *name).collect();
+    let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
+    let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+    json!({ "kinds": FaultKind::described(), "places": places, "outputs": outputs, "threads": threads, "states": states })
+}
+
 /// Why those who keep the station take so few.
 const KEEPERS: &str = "\nSupervisor and guardian take what is done from outside: a signal, or a limit that is lowered (oom: it is lowered, and nobody asks \
                        them to take more).\nAll else an engine does because it is asked to, in its steps or beside them; they make none, and are not asked.\n";
@@ -51,6 +73,7 @@ const MOST_AHEAD_TICKS: u64 = 3_600_000;
 
 fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     let mut injection = injection(args)?;
+    let wanted = args.state.as_deref().map(state::named).transpose()?;
     let aim = injection.check().map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(super::no_station(station));
@@ -64,11 +87,13 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     }
     if let Some(words) = &args.tick {
         injection.tick = wait_for_tick(station, words)?;
-        injection.phase_us = args.phase_us.unwrap_or(0);
     }
-    if let Some(word) = &args.state {
-        state::wait_for(station, word)?;
+    if let Some(wanted) = wanted {
+        let page = args.phase_us.map(|_| page_of(station, "--phase")).transpose()?;
+        state::wait_for(station, wanted, args.within_s)?;
+        injection.tick = page.map_or(0, |page| first_to_ask_for(&page, system::now_ns()));
     }
+    injection.phase_us = args.phase_us.unwrap_or(0);
     if let Aim::Engines(Target { role, which: Which::Newcomer }) = aim
         && Record::under_way(station, role).is_none()
     {
@@ -77,23 +102,66 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
             role.name()
         )));
     }
-    let has_lasted = match aim {
-        Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),
-        Aim::Engines(_) => control::ask(station, &Request::Fault(injection)).map(|_| true),
+    let done = match aim {
+        Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection).map(|(struck, lasted)| (Some(struck), lasted)),
+        Aim::Engines(_) => {
+            control::ask_once(station, &Request::Fault(injection)).map(|answer| (Struck::of_answer(&answer), true))
+        }
     };
-    if has_lasted.map_err(Refusal::failed)? {
+    let (struck, has_lasted) = done.map_err(not_done)?;
+    println!("{}", told(args, wanted, struck.as_ref()));
+    if has_lasted {
         return Ok(0);
     }
     let message = format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target);
     Err(Refusal { code: INTERRUPTED, message })
 }
 
-/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
-fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
+/// What was done, in words or as JSON; of a supervisor of an older build nobody knows more than that it was.
+fn told(args: &InjectArgs, wanted: Option<Wanted>, struck: Option<&Struck>) -> String {
+    let held = wanted.and_then(|wanted| state::held(wanted, struck?.doing.as_ref()));
+    if args.json {
+        let told = json!({ "kind": args.kind, "target": args.target, "struck": struck, "state": args.state, "held": held });
+        return format!("{told:#}");
+    }
+    let older = || {
+        format!(
+            "{} of {}: it was done; this supervisor is of an older build, and does not say to whom and when",
+            args.kind, args.target
+        )
+    };
+    let line = struck.map_or_else(older, |struck| struck.line(&args.kind));
+    let state = args.state.as_deref().zip(held).map(|(state, held)| {
+        if held { format!("; in state {state}") } else { format!("; by then the station was no longer in state {state}") }
+    });
+    line + &state.unwrap_or_default()
+}
+
+/// One that was refused hurt nobody, as one that cannot be; of any other it is not known, or it was begun.
+fn not_done(why: NoAnswer) -> Refusal {
+    match why {
+        NoAnswer::Refused(reason) => Refusal::input(reason),
+        NoAnswer::Unanswered(reason) | NoAnswer::Half(reason) => Refusal::failed(reason),
+    }
+}
+
+/// The page of a station whose ticks can be waited for.
+fn page_of(station: &Station, option: &str) -> Result<StationPage, Refusal> {
     let page = station.open().map_err(|error| Refusal::failed(error.to_string()))?;
     if page.is_lockstep() {
-        return Err(Refusal::input("--tick: a station in lock-step takes faults with a tick from its --faults FILE"));
+        return Err(Refusal::input(format!("{option}: a station in lock-step takes faults with a tick from its --faults FILE")));
     }
+    Ok(page)
+}
+
+/// The first tick of which each phase can still be asked for.
+fn first_to_ask_for(page: &StationPage, now_ns: u64) -> u64 {
+    page.tick_at(now_ns + ASK_AHEAD_NS) + 1
+}
+
+/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
+fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
+    let page = page_of(station, "--tick")?;
     let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("--tick {words}: {why}")))?;
     let ask_ns = page.start_of(tick).saturating_sub(ASK_AHEAD_NS);
     loop {
@@ -130,12 +198,28 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
         Place::from_name(name).ok_or_else(|| Refusal::input(format!("--where {name}: there are {}", places.join(", "))))
     });
     let place = place.transpose()?;
-    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, place, bytes, seed, ..Injection::now(kind, &args.target) })
+    let output = args.output.as_deref().map(|name| {
+        let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
+        Output::from_name(name).ok_or_else(|| Refusal::input(format!("--output {name}: there are {}", outputs.join(", "))))
+    });
+    let output = output.transpose()?;
+    let thread = args.thread.as_deref().map(|name| {
+        let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+        Helper::from_name(name).ok_or_else(|| Refusal::input(format!("--thread {name}: there are {}", threads.join(", "))))
+    });
+    let thread = thread.transpose()?;
+    let now = Injection::now(kind, &args.target);
+    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, output, thread, place, bytes, seed, ..now })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::Cli;
+    use crate::doing::Doing;
+    use crate::moment::MOST_AHEAD_NS;
+    use clap::Parser;
+    use hyst_messages::TICK_NS;
 
     #[test]
     fn a_tick_is_a_number_that_comes_or_a_distance_and_anything_else_is_refused() {
@@ -148,5 +232,83 @@ mod tests {
             assert!(tick_of(words, 1_000).is_err(), "{words}");
         }
         assert!(tick_of("999", 1_000).unwrap_err().contains("it is 1000 now"));
+    }
+
+    /// It printed nothing: whom `:active` meant and when it came one found in the events.
+    #[test]
+    fn whom_a_fault_hit_and_when_is_told_in_words_and_as_json() {
+        let args = |words: &str| match Cli::parse_from(words.split_whitespace()).command {
+            crate::cli::Command::Fault { command: FaultCommand::Inject(args) } => args,
+            other => panic!("{other:?}"),
+        };
+        let plain = args("hystation fault inject kill tissue:active");
+        let hit = crate::struck::Hit { process: "tissue:1".into(), incarnation: 9, pid: 77 };
+        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301, doing: None };
+        assert_eq!(told(&plain, None, Some(&struck)), struck.line("kill"));
+        let older = told(&plain, None, None);
+        assert!(older.contains("kill of tissue:active: it was done") && older.contains("older build"), "{older}");
+        let programs = args("hystation fault inject kill tissue:active --json");
+        let found: Value = serde_json::from_str(&told(&programs, None, Some(&struck))).unwrap();
+        assert_eq!((&found["struck"]["victims"][0]["process"], &found["struck"]["tick"]), (&json!("tissue:1"), &json!(1_234)));
+        let older: Value = serde_json::from_str(&told(&programs, None, None)).unwrap();
+        assert!(older["struck"].is_null() && older["target"] == "tissue:active", "{older}");
+        // A state that was waited for may have gone when the fault came.
+        let waits = args("hystation fault inject kill tissue:active --state contact --within 5s");
+        let wanted = waits.state.as_deref().map(|word| state::named(word).unwrap());
+        let came = |contacts: u32| {
+            let doing = Some(Doing { whole: true, contacts: Some(contacts), ..Doing::default() });
+            told(&waits, wanted, Some(&Struck { doing, ..struck.clone() }))
+        };
+        assert!(came(2).ends_with("us into it; in state contact"), "{}", came(2));
+        assert!(came(0).ends_with("no longer in state contact"), "{}", came(0));
+        assert_eq!(told(&waits, wanted, Some(&struck)), struck.line("kill"), "nobody says what the station was doing");
+    }
+
+    #[test]
+    fn programs_are_told_whom_each_kind_can_be_done_to_and_what_it_takes() {
+        let listed = list_json();
+        let kind = |name: &str| listed["kinds"].as_array().unwrap().iter().find(|kind| kind["name"] == name).cloned().unwrap();
+        assert_eq!(kind("disk-full")["targets"], json!(["recorder"]));
+        assert_eq!(
+            (&kind("slow")["options"], &kind("slow")["needs_for"]),
+            (&json!(["for", "factor", "extra", "jitter"]), &json!(true))
+        );
+        assert_eq!(kind("corrupt")["options"], json!(["where", "bytes", "seed"]));
+        assert_eq!(kind("nan")["options"], json!(["for", "output"]));
+        assert!(
+            kind("kill")["targets"]
+                .as_array()
+                .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
+        );
+        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
+        assert_eq!((&listed["places"][0], &listed["outputs"][0]), (&json!("page"), &json!("state")));
+    }
+
+    /// What the supervisor refuses ended with 1, as what failed.
+    #[test]
+    fn what_is_refused_ends_with_another_code_than_what_is_not_known() {
+        assert_eq!(not_done(NoAnswer::Refused("no such spare".into())).code, 2);
+        assert_eq!(not_done(NoAnswer::Half("one of two".into())).code, 1);
+        let unknown = not_done(NoAnswer::Unanswered("the supervisor is busy".into()));
+        assert_eq!((unknown.code, unknown.message.as_str()), (1, "the supervisor is busy"));
+    }
+
+    /// `--state cutting --phase 300` was refused: a phase took a tick, and a state took none.
+    #[test]
+    fn a_phase_goes_with_a_tick_or_a_state_and_the_tick_after_a_state_is_neither_too_near_nor_too_far() {
+        let is_taken =
+            |words: &str| Cli::try_parse_from(format!("hystation fault inject kill tissue {words}").split_whitespace()).is_ok();
+        assert!(is_taken("--tick +9 --phase 300") && is_taken("--state cutting --phase 300") && is_taken("--state idle"));
+        assert!(!is_taken("--phase 300") && !is_taken("--tick +9 --state idle") && !is_taken("--state idle --phase 1000"));
+        let station = Station::named(&format!("t{}-phase", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (page, now_ns) = (station.open().unwrap(), system::now_ns());
+        let ahead_ns = page.start_of(first_to_ask_for(&page, now_ns)) - now_ns;
+        assert!(
+            (ASK_AHEAD_NS..ASK_AHEAD_NS + 2 * TICK_NS).contains(&ahead_ns) && ahead_ns + TICK_NS < MOST_AHEAD_NS,
+            "{ahead_ns}"
+        );
+        station.wipe();
     }
 }

@@ -17,6 +17,7 @@ use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
 use hyst_exchange::Station;
 use hyst_messages::Role;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Does what the command line says.
@@ -39,7 +40,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
                 let bound = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::INT));
                 bound.map_err(|e| Refusal::failed(format!("--with-parent: {e}")))?;
             }
-            crate::guardian::run(&cli.name, &args)
+            with_folder(args.passing.as_deref(), || crate::guardian::run(&cli.name, &args))
         }
         Command::Status { json } => status::status(&station, json),
         Command::Top => status::top(&station),
@@ -81,7 +82,35 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
     }
 }
 
+/// Runs a station that has a folder as long as it runs: whoever asked for one may have gone by its end.
+fn with_folder(folder: Option<&Path>, run: impl FnOnce() -> Result<u8, Refusal>) -> Result<u8, Refusal> {
+    let Some(folder) = folder else { return run() };
+    std::fs::create_dir_all(folder).map_err(|e| Refusal::failed(format!("--passing {}: {e}", folder.display())))?;
+    let code = run();
+    let _ = std::fs::remove_dir_all(folder); // it is in the system's folder for such things
+    code
+}
+
 /// The error of a command that needs a running station.
 pub fn no_station(station: &Station) -> Refusal {
     Refusal::input(format!("no station named {0:?} is running; start it with `hystation --name {0} run`", station.name()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_of_a_station_is_there_while_it_runs_and_goes_with_it_however_it_ends() {
+        let folder = std::env::temp_dir().join(format!("hystation-passing-{}", std::process::id()));
+        for ends in [Ok(0), Err(2)] {
+            let run = || {
+                std::fs::write(folder.join("session.mcap"), "ticks").unwrap();
+                ends.map_err(|code| Refusal { code, message: "refused".into() })
+            };
+            assert_eq!(with_folder(Some(&folder), run).map_err(|refusal| refusal.code), ends);
+            assert!(!folder.exists());
+        }
+        assert_eq!(with_folder(None, || Ok(3)).ok(), Some(3));
+    }
 }

@@ -1,7 +1,8 @@
 //! `hystation swap`: another engine in the place of a role's, while the station runs. The file is verified here, by an ordinary process, before the
 //! station hears of it; then the supervisor does it, and this command says what happened.
 //!
-//! Exit codes: 0 the newcomer has the role, 1 it was rolled back, or how it ended is not known, 2 it was refused and nothing was disturbed.
+//! Exit codes: 0 the newcomer has the role, 1 it was rolled back, or how it ended is not known, 2 it was refused and nothing was disturbed, 3 this command was
+//! interrupted, and the swap goes on.
 
 use super::no_station;
 use crate::control::{NoAnswer, Request, ask_once};
@@ -9,8 +10,13 @@ use crate::remains;
 use crate::settings::Refusal;
 use crate::swap::{Record, kept, role_of};
 use hyst_exchange::{Station, system};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Exit code of one that was interrupted, as of a fault.
+const INTERRUPTED: u8 = 3;
 /// Between two looks at the record.
 const LOOK_NS: u64 = 20_000_000;
 /// A swap takes seconds; pictures in software may take minutes to start, twice.
@@ -20,7 +26,12 @@ const BEGUN_WITHIN_NS: u64 = 10_000_000_000;
 
 /// Swaps, and prints what happened.
 pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<u8, Refusal> {
-    let record = swap_and_wait(station, role, binary)?;
+    let number = begin(station, role, binary)?;
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
+    }
+    let record = wait(station, number, &interrupted)?;
     if json {
         let text = serde_json::to_string_pretty(&record).map_err(|e| Refusal::failed(e.to_string()))?;
         println!("{text}");
@@ -30,32 +41,50 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
     Ok(u8::from(record.promoted != Some(true)))
 }
 
-/// Swaps and waits for the end.
-pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Record, Refusal> {
+/// Asks for a swap to the station's own copy of an engine; gives its number.
+pub fn begin(station: &Station, role: &str, binary: &Path) -> Result<u64, Refusal> {
     let known = role_of(role).map_err(Refusal::input)?;
     // Not resolved: a program may go by the name that it is called by.
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
     if !station.root().is_dir() {
         return Err(no_station(station));
     }
+    // To the end of this, when the supervisor has written down what it is for.
     let kept = kept::keep(station, &binary, known).map_err(Refusal::input)?;
     let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
     let before = Record::read(station).map_or(0, |record| record.number);
-    let number = match ask_once(station, &request) {
-        Ok(answer) => answer["number"].as_u64().unwrap_or(0),
-        Err(NoAnswer::Refused(reason)) => return Err(Refusal::input(format!("swap of {role}: {reason}"))),
-        Err(NoAnswer::Unanswered(reason)) => begun_meanwhile(station, before, kept.binary()).ok_or_else(|| {
+    match ask_once(station, &request) {
+        Ok(answer) => Ok(answer["number"].as_u64().unwrap_or(0)),
+        Err(NoAnswer::Refused(reason)) => Err(Refusal::input(format!("swap of {role}: {reason}"))),
+        Err(NoAnswer::Unanswered(reason) | NoAnswer::Half(reason)) => {
             let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
-            Refusal::failed(format!("swap of {role}: {reason}; {cure}"))
-        })?,
-    };
-    drop(kept); // the supervisor has written down what it is for
+            begun_meanwhile(station, before, kept.binary())
+                .ok_or_else(|| Refusal::failed(format!("swap of {role}: {reason}; {cure}")))
+        }
+    }
+}
+
+/// Swaps and waits for the end.
+pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Record, Refusal> {
+    wait(station, begin(station, role, binary)?, &AtomicBool::new(false))
+}
+
+/// Waits for the end of a swap, or until nobody wants to know it any more: the swap goes on.
+fn wait(station: &Station, number: u64, interrupted: &AtomicBool) -> Result<Record, Refusal> {
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
         match Record::read(station).filter(|record| record.number == number) {
             Some(record) if record.promoted.is_some() => return Ok(record),
             None => {
                 return Err(Refusal::failed("the station has ended, how the swap ended is not known; start it and swap again"));
+            }
+            Some(record) if interrupted.load(Ordering::Relaxed) => {
+                let role = record.role;
+                let message = format!(
+                    "interrupted: swap {number} of {role} goes on without this command; `hystation logs` says how it ends, `hystation \
+                     status` who runs what"
+                );
+                return Err(Refusal { code: INTERRUPTED, message });
             }
             Some(_) if system::now_ns() >= deadline_ns => {
                 return Err(Refusal::failed("the swap does not end; `hystation logs` says how far it is"));
@@ -88,4 +117,27 @@ pub fn table(record: &Record) -> String {
         text.push_str(&format!("{:>9.1} ms  {}\n", step.at_ms, step.what));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::swap::tests::record;
+
+    /// Ctrl-C said nothing, and looked as if the swap had ended with the command.
+    #[test]
+    fn whoever_interrupts_the_command_is_told_that_the_swap_goes_on() {
+        let station = Station::named(&format!("t{}-goes-on", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let going = Record { number: 3, ..record() };
+        assert!(going.write(&station));
+        let interrupted = AtomicBool::new(true);
+        let refusal = wait(&station, 3, &interrupted).unwrap_err();
+        assert!(refusal.code == 3 && refusal.message.contains("swap 3 of fluid goes on"), "{refusal:?}");
+        let over = Record { promoted: Some(true), ..going };
+        assert!(over.write(&station));
+        assert_eq!(wait(&station, 3, &interrupted), Ok(over), "it has ended, and one is told how");
+        station.wipe();
+    }
 }

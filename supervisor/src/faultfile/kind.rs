@@ -89,7 +89,11 @@ impl FaultKind {
         (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
         (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
         (FaultKind::Spin, "spin", "the thread of its steps runs on at its own priority"),
-        (FaultKind::Block, "block", "the thread of its steps waits; its heartbeat stands still"),
+        (
+            FaultKind::Block,
+            "block",
+            "the thread of its steps waits; its heartbeat stands still. Or its --thread, which has none: usher, drain, keeper, clerk",
+        ),
         (
             FaultKind::Slow,
             "slow",
@@ -175,10 +179,13 @@ impl FaultKind {
     pub fn from_name(name: &str) -> Option<FaultKind> {
         FaultKind::ALL.iter().find(|(_, known, _)| *known == name).map(|(kind, _, _)| *kind)
     }
-    /// All kinds for who offers them to somebody: name, what it does, whether it needs a duration.
+    /// All kinds for who offers them to somebody: name, what it does, roles that can be its target, options, whether it needs a duration.
     pub fn described() -> Value {
-        let kinds = FaultKind::ALL.into_iter();
-        kinds.map(|(kind, name, text)| json!({ "name": name, "text": text, "needs_for": kind.needs_duration() })).collect()
+        let described = |(kind, name, text): (FaultKind, &str, &str)| {
+            let (targets, options) = (kind.roles(), kind.options());
+            json!({ "name": name, "text": text, "targets": targets, "options": options, "needs_for": kind.needs_duration() })
+        };
+        FaultKind::ALL.into_iter().map(described).collect()
     }
     /// What the process is asked to do itself.
     pub fn mischief(self) -> Option<Mischief> {
@@ -256,6 +263,11 @@ impl FaultKind {
         !at_once.contains(&self)
     }
 
+    /// Whether it publishes what is not so.
+    pub fn is_lie(self) -> bool {
+        self.mischief().is_some_and(Mischief::is_lie)
+    }
+
     /// Whether it is a limit of its victim that is lowered.
     pub fn is_limit(self) -> bool {
         matches!(self, FaultKind::Oom | FaultKind::NoFiles)
@@ -264,6 +276,13 @@ impl FaultKind {
     /// Whether those who keep the station may be hurt so: it is done to them from outside, since they do nothing that they are asked to.
     pub(super) fn is_for_keepers(self) -> bool {
         self.is_limit() || self.signal().is_some() && self.mischief().is_none()
+    }
+
+    /// The names of those who can be its target.
+    fn roles(self) -> Vec<&'static str> {
+        let engines = Role::ALL.into_iter().filter(|role| Target::parse(role.name()).is_some());
+        let keepers = [Role::Supervisor, Role::Guardian].into_iter().filter(|_| self.is_for_keepers());
+        engines.filter(|role| self.hindrance(*role).is_none()).chain(keepers).map(Role::name).collect()
     }
 
     /// Who can be its target, in words: as few names as say it.

@@ -54,6 +54,23 @@ impl Place {
     }
 }
 
+impl FaultKind {
+    /// The options that it takes, as a file names them; `--` before them on the command line.
+    pub fn options(self) -> Vec<&'static str> {
+        let own: &[&str] = match self {
+            FaultKind::Slow => &["factor", "extra", "jitter"],
+            FaultKind::LeakMemory | FaultKind::LeakFiles => &["rate"],
+            FaultKind::CrashLoop => &["times"],
+            FaultKind::Corrupt => &["where", "bytes", "seed"],
+            FaultKind::Block => &["thread"],
+            kind if kind.is_lie() => &["output"],
+            _ => &[],
+        };
+        let duration = self.takes_duration().then_some("for");
+        duration.into_iter().chain(own.iter().copied()).collect()
+    }
+}
+
 /// Whether it lies in the range, if it is given.
 fn within<T: PartialOrd>(value: Option<T>, range: std::ops::RangeInclusive<T>) -> bool {
     value.is_none_or(|value| range.contains(&value))
@@ -84,6 +101,10 @@ impl Injection {
                 refuse("factor, extra and jitter belong to slow")
             }
             () if !is_leak && self.rate.is_some() => refuse("rate belongs to leak-memory and leak-files"),
+            () if !kind.is_lie() && self.output.is_some() => refuse(
+                "output belongs to what is wrong in an output: nan, inf, range, frozen, stamp, replay, epoch, ahead and layout",
+            ),
+            () if kind != FaultKind::Block && self.thread.is_some() => refuse("thread belongs to block"),
             () if kind != FaultKind::CrashLoop && self.times.is_some() => refuse("times belongs to crash-loop"),
             () if !is_corrupt && (self.place, self.bytes, self.seed) != (None, None, None) => {
                 refuse("where, bytes and seed belong to corrupt")
@@ -137,7 +158,7 @@ impl Injection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::faultfile::Aim;
+    use crate::faultfile::{Aim, Helper, Output};
 
     fn checked(kind: &str, target: &str, change: impl FnOnce(&mut Injection)) -> Result<Aim, String> {
         let mut injection = Injection::now(FaultKind::from_name(kind).unwrap(), target);
@@ -219,6 +240,32 @@ mod tests {
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
         assert!(checked("corrupt", "haptic", |it| it.place = Some(Place::Checkpoint)).unwrap_err().contains("no state"));
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Roster)).is_ok());
+    }
+
+    #[test]
+    fn the_options_that_a_kind_is_said_to_take_are_those_that_it_takes() {
+        type Set = fn(&mut Injection);
+        let options: [(&str, Set); 11] = [
+            ("for", |it| it.for_s = Some(1.0)),
+            ("factor", |it| it.factor = Some(2.0)),
+            ("extra", |it| it.extra_s = Some(0.001)),
+            ("jitter", |it| it.jitter = Some(0.5)),
+            ("rate", |it| it.rate = Some(10.0)),
+            ("times", |it| it.times = Some(2)),
+            ("output", |it| it.output = Some(Output::Cell)),
+            ("thread", |it| it.thread = Some(Helper::Usher)),
+            ("where", |it| it.place = Some(Place::Page)),
+            ("bytes", |it| it.bytes = Some(8)),
+            ("seed", |it| it.seed = Some(3)),
+        ];
+        for (kind, name, _) in FaultKind::ALL {
+            let target = if kind == FaultKind::DiskFull { "recorder" } else { "tissue" };
+            for (option, set) in options {
+                let refused = checked(name, target, set).err().unwrap_or_default();
+                let is_foreign = refused.contains("belong") || refused.contains("takes no duration");
+                assert_eq!(kind.options().contains(&option), !is_foreign, "{name} {option}: {refused}");
+            }
+        }
     }
 
     #[test]

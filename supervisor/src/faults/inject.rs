@@ -1,10 +1,14 @@
 //! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
 
+mod half;
+
 use super::Faults;
 use crate::active::active_now;
+use crate::doing::Doing;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
 use crate::shortage::{self, FILL_WITHIN_NS, Lowered};
+use crate::struck::{Hit, NotDone, Struck};
 use crate::swap::Record;
 use crate::view::Viewer;
 use crate::{corrupt, journal, mischief, moment, proc, remains};
@@ -43,8 +47,8 @@ struct Deed {
 }
 
 impl Faults {
-    /// Injects a fault now, or at its tick if that is near.
-    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<(), String> {
+    /// Injects a fault now, or at its tick if that is near; gives whom it hit, and when.
+    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<Struck, NotDone> {
         let target = injection.engines()?;
         let kind = injection.kind;
         shortage::check(&self.station, kind)?;
@@ -63,24 +67,28 @@ impl Faults {
                 self.ask(victim, injection, system::now_ns().max(moment_ns));
             }
         }
-        let send = || victims.iter().map(|victim| strike(victim.pid, kind.signal())).filter(|hit| *hit).count();
+        let send = || victims.iter().map(|victim| strike(victim.pid, kind.signal())).collect::<Vec<bool>>();
         let struck = moment::at(moment_ns, send);
-        if hinders && !matches!(struck, Ok((_, hit)) if hit == victims.len()) {
-            victims.iter().for_each(|victim| mischief::end(&self.page, victim.slot)); // nobody's successor is to be hindered for nothing
+        let is_hit = |index: usize| matches!(&struck, Ok((_, hits)) if hits[index]);
+        let (hit, missed): (Vec<_>, Vec<_>) = victims.iter().copied().enumerate().partition(|(index, _)| is_hit(*index));
+        let [hit, missed] = [hit, missed].map(|them| them.into_iter().map(|(_, victim)| victim).collect::<Vec<Victim>>());
+        if hinders {
+            missed.iter().for_each(|victim| mischief::end(&self.page, victim.slot)); // nobody's successor is to be hindered for nothing
         }
-        let (now_ns, hit) = struck?;
-        if hit < victims.len() {
-            return Err(format!("{} is not alive now; wait until it is back", injection.target));
+        let (now_ns, _) = struck?;
+        if !missed.is_empty() {
+            return Err(self.note_half(&hit, &missed, injection, now_ns));
         }
+        let hits = victims.iter().map(|it| Hit { process: it.slot.to_string(), incarnation: it.incarnation, pid: it.pid });
+        let struck = Struck::at(viewer.page(), now_ns, hits.collect());
         if kind == FaultKind::Undo {
-            return self.undo_all(&victims, injection, now_ns);
+            self.undo_all(&victims, injection, now_ns)?;
+            return Ok(struck);
         }
-        for (index, victim) in victims.iter().enumerate() {
-            let deed = if hinders { Deed::default() } else { self.deed(victim, injection, now_ns, index == 0)? };
-            self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
-        }
-        self.keep_open();
-        Ok(())
+        self.do_to_all(&victims, injection, now_ns, target.which == Which::Both)?;
+        // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
+        let doing = Some(Doing::of(&self.station, &self.slots, viewer));
+        Ok(Struck { doing, ..struck })
     }
 
     fn ask(&self, victim: &Victim, injection: &Injection, now_ns: u64) -> Option<u64> {
@@ -214,8 +222,9 @@ impl Faults {
         while let Some(injection) = self.schedule.get(self.open.injected).filter(|injection| injection.tick <= tick).cloned() {
             self.open.injected += 1;
             self.keep_open(); // a supervisor after this one must not do it a second time
-            if let Err(reason) = self.inject(&injection, viewer) {
-                journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
+            if let Err(NotDone { reason, is_half }) = self.inject(&injection, viewer) {
+                let how = if is_half { "was injected by half" } else { "was not injected" };
+                journal::say(&self.station, &format!("fault {} {how}: {reason}", injection.kind.name()));
                 self.refuse(&injection, &reason);
             }
             // Whoever died of this one is seen first.

@@ -13,6 +13,20 @@ pub struct Record {
     pub given_up: bool,
 }
 
+/// The bit of a slot's record that says that it was given up; the short lives in a row are below it.
+const GIVEN_UP_BIT: u32 = 31;
+
+impl Record {
+    /// As it stands in the station's page.
+    pub fn word(self) -> u32 {
+        self.short_lives | u32::from(self.given_up) << GIVEN_UP_BIT
+    }
+    /// From the station's page.
+    pub fn of_word(word: u32) -> Record {
+        Record { short_lives: word & !(1 << GIVEN_UP_BIT), given_up: word >> GIVEN_UP_BIT != 0 }
+    }
+}
+
 impl State {
     /// What a supervisor that is restarted is to know of each slot.
     pub fn records(&self) -> impl Iterator<Item = (Slot, Record)> + '_ {

@@ -10,25 +10,20 @@ use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
-/// The bit of a slot's record that says that it was given up; the short lives in a row are below it.
-const GIVEN_UP_BIT: u32 = 31;
-
 impl Supervisor {
     /// Takes back what a supervisor before this one knew of each slot.
     pub(super) fn recall(&mut self) {
         let now_ns = system::now_ns();
         for slot in self.slots.clone() {
             let word = self.page.load32(layout::SLOT_RECORD + slot.number());
-            let record = Record { short_lives: word & !(1 << GIVEN_UP_BIT), given_up: word >> GIVEN_UP_BIT != 0 };
-            self.policy.set_record(now_ns, slot, record);
+            self.policy.set_record(now_ns, slot, Record::of_word(word));
         }
     }
 
     pub(super) fn act(&mut self, actions: Vec<Action>) {
         // Before what follows from it is done: the next supervisor may have to go on from here.
         for (slot, record) in self.policy.records() {
-            let word = record.short_lives | u32::from(record.given_up) << GIVEN_UP_BIT;
-            self.page.store32(layout::SLOT_RECORD + slot.number(), word);
+            self.page.store32(layout::SLOT_RECORD + slot.number(), record.word());
         }
         for (role, word) in self.policy.ladders() {
             self.page.store32(layout::LADDER + role as usize, word);

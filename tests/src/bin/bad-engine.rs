@@ -27,6 +27,9 @@ const AFTER_STEPS: u32 = 300;
 const OFF_N: f32 = 0.2;
 /// How long a reluctant one takes to say what it is, ns: it is verified twice, and less than that is left to each.
 const DESCRIBES_AFTER_NS: u64 = 7_000_000_000;
+/// What one that is late takes for every other step, in periods: beyond those that a fluid makes up for. And what a wasteful one allocates in each, bytes.
+const LATE_PERIODS: u64 = 5;
+const WASTE_BYTES: usize = 4_096;
 /// Size of a picture, px, and the time between two, ns: it is faster than a good one.
 const PICTURE_PX: [u32; 2] = [320, 240];
 const PICTURE_NS: u64 = 20_000_000;
@@ -72,6 +75,12 @@ impl<S: Stateful> Bad<'_, S> {
             },
             "stop" => stop(),
             "slow" => system::sleep_ns(PERIODS * context.step_ticks * TICK_NS),
+            // As long as it is on trial, in a place of its own, nobody sees it.
+            "late" if !self.life.slot.is_guest() && self.held.is_multiple_of(2) => {
+                system::sleep_ns(LATE_PERIODS * context.step_ticks * TICK_NS)
+            }
+            "honest" if self.life.mischief().is_some_and(|request| request.what.is_lie()) => std::process::exit(0), // rather than lie
+            "wasteful" => drop(std::hint::black_box(vec![0u8; WASTE_BYTES])),
             _ => {}
         }
     }
@@ -293,6 +302,11 @@ fn draw(life: &Life, every_ns: u64, level: fn(usize, u64) -> u8) -> Result<(), F
     Ok(())
 }
 
+/// Another picture each time.
+fn changing(at: usize, frames: u64) -> u8 {
+    (at as u64 + 40 * frames) as u8
+}
+
 /// An engine that is not linked here, or says nothing: it beats, and that is all.
 fn beat(life: &Life) -> Result<(), Failure> {
     life.page.set_state(ProcessState::Live);
@@ -321,7 +335,9 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (Role::Rendering, "black") => draw(life, PICTURE_NS, |_, _| 0),
         (Role::Rendering, "still") => draw(life, PICTURE_NS, |at, _| at as u8),
         // Good pictures, but one a second.
-        (Role::Rendering, "slow") => draw(life, 1_000 * TICK_NS, |at, frames| (at as u64 + 40 * frames) as u8),
+        (Role::Rendering, "slow") => draw(life, 1_000 * TICK_NS, changing),
+        // Good pictures in good time, and nobody can make it do wrong.
+        (Role::Rendering, "headstrong") => draw(life, PICTURE_NS, changing),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (Role::CollisionWorker, "slow") => collision_worker::run_telling(life, dawdle),
         (role, kind) => {
@@ -369,5 +385,14 @@ fn main() -> ExitCode {
     if std::env::args().nth(1).as_deref() == Some(DESCRIBE) && !describes(role, kind) {
         return ExitCode::SUCCESS;
     }
-    hyst_engine::run(role, |life| run(life, kind))
+    hyst_engine::run(role, |life| {
+        run(life, kind)?;
+        if kind == "deaf" {
+            // The station stops, and it stays.
+            loop {
+                system::sleep_ns(TICK_NS);
+            }
+        }
+        Ok(())
+    })
 }

@@ -21,8 +21,6 @@ pub const STALL_NS: u64 = 200_000;
 const SLEEP_NS: u64 = TICK_NS / 4;
 /// The same where no fault is injected, and less depends on what is void.
 const LONG_SLEEP_NS: u64 = TICK_NS / 2;
-/// Priority of the canaries: above the hardware, below the supervisor's watch, which works for microseconds.
-const PRIORITY: i32 = 88;
 /// Stalls that one canary remembers: for the 64 ticks that an entry of the ledger waits.
 const MEMORY: usize = 256;
 
@@ -91,7 +89,7 @@ impl Queue {
 }
 
 fn watch(core: usize, sleep_ns: u64, stalls: &Stalls, stop: &AtomicBool, tell: impl Fn(u64)) {
-    if !(system::pin_to_core(core) && system::become_fifo(PRIORITY)) {
+    if !(system::pin_to_core(core) && system::become_fifo(realtime::CANARY_PRIORITY)) {
         return;
     }
     let queue = Queue::of_this_thread();

@@ -1,11 +1,13 @@
 //! What a picture takes from the others: surfaces, medium, bubbles and flakes, looks, and in the view from outside where the hand feels something.
 
 use super::{Vision, lens_m};
+use crate::looks::Senseless;
 use crate::medium;
 use crate::scenery::Refused;
 use crate::sources::Sources;
 use hyst_exchange::system;
 use hyst_messages::controls::WINDOW_PRESSURE;
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
 use hyst_messages::{HardwareSample, InputRecord, Pose};
 use rendering::{Arrow, RenderError};
@@ -97,8 +99,10 @@ impl Vision<'_> {
                 self.life.page.add64(header::STALE, 1); // of a fluid that was replaced, and goes on
             }
         }
-        if let Some((scope, records)) = sources.looks.poll(system::now_ns()) {
-            self.scenery.dress(self.renderer.stage(), scope, &records)?;
+        match sources.looks.poll(system::now_ns()) {
+            Some(Ok((scope, records))) => self.scenery.dress(self.renderer.stage(), scope, &records)?,
+            Some(Err(Senseless(tissue))) => self.life.refuse(tissue, Distrust::Invalid),
+            None => {}
         }
         Ok(())
     }
@@ -107,7 +111,7 @@ impl Vision<'_> {
     fn take_state(&mut self, sources: &mut Sources, version: u32, state: &[u8]) -> Result<bool, Refused> {
         let stage = self.renderer.stage();
         if !self.scenery.is_of(version) {
-            let Some(topology) = sources.topology(version) else { return Ok(false) };
+            let Some(topology) = sources.topology(self.life, version) else { return Ok(false) };
             self.copied = self.scenery.rebuild(stage, topology.bytes())?;
             sources.looks.want();
         }

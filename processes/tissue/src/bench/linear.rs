@@ -71,6 +71,7 @@ pub fn with_mesh(scene: &LoadedScene, mesh: TetMesh, is_held: impl Fn(&[f32; 3])
         bindings: nodes.iter().map(|node| bound[*node as usize]).collect::<Option<Vec<Binding>>>()?,
         fixed: mesh.positions_m.iter().map(is_held).collect(),
         material: scene.objects.first()?.material.clone(),
+        regions: Vec::new(),
         attach: None,
         look: None,
         hollow: false,

@@ -7,6 +7,7 @@ use crate::grasp;
 use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
+use hyst_engine::StepContext;
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
 use hyst_tissue::StepReport;
@@ -30,6 +31,8 @@ pub(super) struct Hand {
     pub(super) draw: Option<Draw>,
     /// What the medium does, to be used by the next step.
     pub(super) next_medium: Medium,
+    /// How far the cavity is closed then.
+    pub(super) next_closed: f32,
 }
 
 impl Hand {
@@ -67,7 +70,7 @@ impl Hand {
             hold_m,
             cut_limits: before.cut_limits.saturating_add(u32::from(change.is_limited)),
             corrections: before.corrections.saturating_add(report.corrections()),
-            reserved: 0,
+            closed: self.next_closed,
             taken_out: before.taken_out + u32::from(change.taken_out_ml.is_some()),
             taken_out_ml: before.taken_out_ml + change.taken_out_ml.unwrap_or(0.0),
             pieces: self.next_medium.pieces,
@@ -95,13 +98,16 @@ impl MainLoop<'_> {
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).filter(is_fit))
     }
 
-    /// What the hand does in the step from `tick`; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of
-    /// the medium is part of this state, so that a substitute for it uses the same.
-    pub(super) fn hand(&self, tick: u64, before: &Core) -> Hand {
+    /// What the hand does in a step; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of the medium is
+    /// part of this state, so that a substitute for it uses the same.
+    pub(super) fn hand(&self, context: &StepContext, before: &Core) -> Hand {
+        let dt_s = context.step_ticks as f32 * 1e-3;
+        let next_closed = self.world.case.closing.after(before.closed, before.pressure_pa, dt_s);
         let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces, ..Medium::default() };
-        let Some(input) = self.input(tick) else {
-            let (pose, loop_m) = (before.pose, before.loop_m);
-            return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, draw: None, next_medium: medium };
+        let Some(input) = self.input(context.tick) else {
+            let (pose, loop_m, next_medium) = (before.pose, before.loop_m, medium);
+            let (velocity_m_s, wire_m, draw) = ([0.0; 3], None, None);
+            return Hand { input_tick: 0, pose, velocity_m_s, wire_m, loop_m, draw, next_medium, next_closed };
         };
         let (sample, tool) = (&input.sample, &self.world.case.tool);
         Hand {
@@ -115,6 +121,7 @@ impl MainLoop<'_> {
             },
             draw: self.world.case.outlet.draw(&input),
             next_medium: if input.pressure_pa > 0.0 { input.medium() } else { medium },
+            next_closed,
         }
     }
 

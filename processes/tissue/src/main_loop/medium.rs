@@ -1,5 +1,6 @@
 //! What the medium exerts on the tissue in a step.
 
+use crate::closing;
 use crate::drift::drift_forces;
 use crate::outlet::Draw;
 use crate::state::Core;
@@ -7,10 +8,11 @@ use crate::world::World;
 use hyst_tissue::pressure_forces;
 
 /// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
-/// wall would need the stress-free shape, which no mesh of a distended cavity holds.
+/// wall would need the stress-free shape, which no mesh of a distended cavity holds. A cavity that is closed is held at its own shape.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
 
-/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, and its flow on what floats.
+/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, what leads the walls together where that is too little, and
+/// its flow on what floats.
 pub(super) fn medium_forces(
     world: &World,
     (before, draw): (&Core, Option<&Draw>),
@@ -20,7 +22,9 @@ pub(super) fn medium_forces(
     node_force_n: &mut [[f32; 3]],
 ) {
     let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
-    pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
+    let shut = closing::share(before.closed);
+    pressure_pa.fill((1.0 - shut) * distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
     pressure_forces(&world.wall, nodes.0, pressure_pa, node_force_n);
+    world.shut(shut, node_force_n);
     drift_forces(&world.drifters, (&before.pieces, draw), nodes, (&world.model, dt_s), node_force_n);
 }

@@ -12,9 +12,9 @@ use hyst_tissue::{Model, ModelError, ModelReport};
 const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 
 impl Workshop {
-    /// The model of a body: it is made of what the scene's objects are made of, whatever its parts are now.
+    /// The model of a body: it is made of what the scene's objects and their regions are made of, whatever its parts are now.
     pub(super) fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
-        let regions = body.rest.regions.iter().map(|region| self.case.origin(body, *region) as u32).collect();
+        let regions = (0..body.rest.tets.len()).map(|tet| self.case.material(body, tet)).collect();
         let mesh = TetMesh { regions, ..body.rest.clone() };
         let mut with = |max_substeps| {
             self.maker.options.max_substeps = max_substeps;

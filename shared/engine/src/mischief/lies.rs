@@ -1,11 +1,15 @@
 //! Outputs that are wrong on request: records before they are written into a page, messages before they are sent.
 
+use super::asked;
 use crate::life::Life;
 use bytemuck::Pod;
-use hyst_messages::mischief::{Mischief, Request};
+use hyst_exchange::{OwnedPage, StationError, StationPage};
+use hyst_messages::mischief::{Mischief, Outlet, Request};
+use hyst_messages::page::header;
 use hyst_messages::stream::{change_header, kind_of};
-use hyst_messages::{ContactModel, FluidStatus, ForceCommand, ForceRecord, Message, StreamHeader};
+use hyst_messages::{ContactModel, FluidStatus, ForceCommand, ForceRecord, Message, Slot, StreamHeader};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// How far stamps are ahead that are: within what roster and clock can reach one day.
 const EPOCHS_AHEAD: u32 = 1_000;
@@ -107,9 +111,9 @@ impl Lies {
         (self.old.len() == now.len()).then_some(&self.old)
     }
 
-    /// Spoils a record as the process was asked to.
+    /// Spoils a record of the page as the process was asked to.
     pub fn tell<T: Output>(&mut self, life: &Life, record: &mut T) {
-        let Some(request) = life.mischief().filter(|request| request.what.is_lie()) else { return };
+        let Some(request) = life.mischief().filter(|request| lies_by(request, Outlet::Cell)) else { return };
         life.own_up();
         self.tell_of(&request, record);
     }
@@ -131,9 +135,9 @@ impl Lies {
         }
     }
 
-    /// Spoils a message in its loan as the process was asked to.
-    pub fn tell_message(&mut self, life: &Life, message: &mut [u8]) {
-        let Some(request) = life.mischief().filter(|request| request.what.is_lie()) else { return };
+    /// Spoils a message of that output in its loan as the process was asked to.
+    pub fn tell_message(&mut self, life: &Life, by: Outlet, message: &mut [u8]) {
+        let Some(request) = life.mischief().filter(|request| lies_by(request, by)) else { return };
         life.own_up();
         self.tell_message_of(&request, message);
     }
@@ -162,6 +166,59 @@ impl Lies {
     }
 }
 
+/// Whether it asks for a lie by this output.
+fn lies_by(request: &Request, by: Outlet) -> bool {
+    request.what.is_lie() && request.outlet.covers(by)
+}
+
+/// The lies of a thread beside the steps, by one output.
+#[derive(Debug)]
+pub struct Liar {
+    clock: StationPage,
+    page: Arc<OwnedPage>,
+    slot: Slot,
+    incarnation: u32,
+    by: Outlet,
+    lies: Lies,
+    /// What it was asked when it looked last.
+    seen: Option<Request>,
+}
+
+impl Life {
+    /// For another thread of this process, which publishes at most so many bytes at once by this output.
+    pub fn liar(&self, by: Outlet, bytes: usize) -> Result<Liar, StationError> {
+        let (clock, page, lies) = (self.station.open()?, Arc::clone(&self.page), Lies::new(self, bytes));
+        Ok(Liar { clock, page, slot: self.slot, incarnation: self.incarnation, by, lies, seen: None })
+    }
+}
+
+impl Liar {
+    fn asked(&self) -> Option<Request> {
+        let request = asked(&self.clock, self.slot, |words| Request::from_words(words, self.incarnation));
+        request.filter(|request| lies_by(request, self.by))
+    }
+
+    /// Whether a lie has begun or ended since the last look: who publishes on change alone does so again.
+    pub fn has_turned(&mut self) -> bool {
+        let now = self.asked();
+        std::mem::replace(&mut self.seen, now) != now
+    }
+
+    /// Spoils a message in its loan as the process was asked to.
+    pub fn tell(&mut self, message: &mut [u8]) {
+        let Some(request) = self.asked() else { return };
+        self.page.fetch_add64(header::MISCHIEF, 1);
+        self.lies.tell_message_of(&request, message);
+    }
+
+    /// The same for bytes without a header: a number at their beginning and in their middle.
+    pub fn tell_numbers(&mut self, bytes: &mut [u8]) {
+        let Some(request) = self.asked() else { return };
+        self.page.fetch_add64(header::MISCHIEF, 1);
+        spoil(bytes, number_of(request.what));
+    }
+}
+
 fn header_of(message: &[u8]) -> Option<StreamHeader> {
     Some(*Message::parse(message, kind_of(message)?).ok()?.header())
 }
@@ -179,11 +236,14 @@ fn number_of(what: Mischief) -> f32 {
 fn spoil_sections(message: &mut [u8], number: f32) {
     for index in 0..hyst_messages::stream::MAX_SECTIONS {
         let Some(range) = section_range(message, index) else { return };
-        let section = &mut message[range];
-        for at in [0, section.len() / 8 * 4] {
-            if let Some(place) = section.get_mut(at..at + 4) {
-                place.copy_from_slice(&number.to_ne_bytes());
-            }
+        spoil(&mut message[range], number);
+    }
+}
+
+fn spoil(bytes: &mut [u8], number: f32) {
+    for at in [0, bytes.len() / 8 * 4] {
+        if let Some(place) = bytes.get_mut(at..at + 4) {
+            place.copy_from_slice(&number.to_ne_bytes());
         }
     }
 }
@@ -205,7 +265,7 @@ mod tests {
     }
 
     fn request(what: Mischief) -> Request {
-        Request { what, incarnation: 1, until_ns: 0, factor_percent: 0, extra_us: 0, jitter_percent: 0, rate_per_s: 0 }
+        Request::of(what, 1)
     }
 
     fn force(tick: u64, newton: f32) -> ForceRecord {
@@ -235,6 +295,45 @@ mod tests {
         assert_eq!(model.epoch, 3);
         lies().tell_of(&request(Mischief::Ahead), &mut model);
         assert_eq!((model.epoch, model.state_tick), (3 + EPOCHS_AHEAD, TICKS_AHEAD));
+    }
+
+    #[test]
+    fn a_thread_beside_the_steps_lies_by_its_own_output_and_knows_when_that_begins_and_ends() {
+        use hyst_exchange::{Station, system};
+        use hyst_messages::Role;
+        use hyst_messages::page::station as layout;
+        let station = Station::named(&format!("t{}-liar", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        std::fs::write(station.settings(), "").unwrap();
+        let slot = Slot::first(Role::Tissue);
+        station.create_slot(slot, 4).unwrap();
+        let life = Life::begin(station.name(), slot, 4).unwrap();
+        let page = station.open_for_keeping().unwrap();
+        page.store32(layout::TEST_MODE, 1);
+        let ask = |outlet: Outlet, until_ns: u64| {
+            let words = Request { outlet, until_ns, ..Request::of(Mischief::Nan, 4) }.words();
+            let places = [layout::MISCHIEF, layout::MISCHIEF_UNTIL_NS, layout::MISCHIEF_EXTENT];
+            places.into_iter().zip(words).for_each(|(place, word)| page.store64(place + slot.number(), word));
+        };
+        let mut liar = life.liar(Outlet::Appearance, 64).unwrap();
+        let mut told = || {
+            let mut numbers = [1.0f32; 4];
+            liar.tell_numbers(bytemuck::cast_slice_mut(&mut numbers));
+            (liar.has_turned(), numbers.map(f32::is_nan))
+        };
+        assert_eq!(told(), (false, [false; 4]));
+        ask(Outlet::Steps, 0);
+        assert_eq!(told(), (false, [false; 4]), "its steps lie, and it does not");
+        ask(Outlet::Appearance, 0);
+        assert_eq!([told(), told()], [true, false].map(|turned| (turned, [true, false, true, false])));
+        let mut record = force(5, 5.0);
+        Lies::new(&life, size_of::<ForceRecord>()).tell(&life, &mut record);
+        assert_eq!(record, force(5, 5.0), "it lies, and its steps do not");
+        ask(Outlet::Appearance, system::now_ns());
+        assert_eq!([told(), told()], [true, false].map(|turned| (turned, [false; 4])));
+        assert_eq!(life.page.load64(header::MISCHIEF), 2);
+        station.wipe();
     }
 
     #[test]

@@ -43,15 +43,7 @@ mod tests {
             Life::begin(station.name(), slot, incarnation).unwrap()
         });
         let page = station.open_for_keeping().unwrap();
-        let request = Request {
-            what: Mischief::CrashStart,
-            incarnation: 4,
-            until_ns: 0,
-            factor_percent: 0,
-            extra_us: 0,
-            jitter_percent: 0,
-            rate_per_s: 0,
-        };
+        let request = Request::of(Mischief::CrashStart, 4);
         page.store64(layout::MISCHIEF + slot.number(), request.words()[0]);
         let codes = || lives.each_ref().map(Life::hindered_start);
         assert_eq!(codes(), [None, None], "outside of test mode");

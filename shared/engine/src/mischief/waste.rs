@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     fn request(what: Mischief, rate_per_s: u32) -> Request {
-        Request { what, incarnation: 1, until_ns: 0, factor_percent: 0, extra_us: 0, jitter_percent: 0, rate_per_s }
+        Request { rate_per_s, ..Request::of(what, 1) }
     }
 
     #[test]

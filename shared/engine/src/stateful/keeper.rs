@@ -7,6 +7,7 @@ use crate::life::{Failure, Life};
 use hyst_exchange::checkpoint::CheckpointWriter;
 use hyst_exchange::{Roster, Subscriber, system};
 use hyst_messages::Message;
+use hyst_messages::mischief::Thread;
 use hyst_messages::stream::kind_of;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -39,10 +40,11 @@ pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Fai
     let stopped = Arc::clone(&stop);
     let (clock, roster) = (life.station.open()?, Roster::open(&life.station)?);
     let (role, incarnation) = (life.slot.role(), life.incarnation);
-    let mut kept = 0;
+    let (mut kept, stalls) = (0, life.staller(Thread::Keeper)?);
     let body = move || {
         while !stopped.load(Ordering::Acquire) {
             system::sleep_ns(INTERVAL_NS);
+            stalls(&stopped);
             let Ok(Some(held)) = stream.newest() else { continue };
             if clock.is_held(role) {
                 kept = 0;

@@ -11,6 +11,7 @@ use crate::life::Failure;
 use crate::realtime;
 use hyst_exchange::succession::{Turn, most_misses, spare_turn};
 use hyst_exchange::{Tenure, system};
+use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, header};
 use hyst_messages::tolerance::SHADOW_EPOCH;
@@ -208,7 +209,7 @@ impl<S: Stateful> Loop<'_, S> {
         });
         context.tenure.epoch = SHADOW_EPOCH;
         self.engine.finished_beside(&context, loan.bytes());
-        self.lies.tell_message(self.life, loan.bytes_mut());
+        self.lies.tell_message(self.life, Outlet::State, loan.bytes_mut());
         loan.send()?;
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
         self.receive_states();

@@ -123,12 +123,12 @@ fn elements(text: &mut Text, mesh: &mut Builder, version: Version) -> Result<(),
             continue;
         }
         let mut tags = if version == Version::V1 { 3 } else { rest.i64(&what)? };
-        let mut region = 0;
-        let mut first = true;
+        // The physical group; without one the volume's own number, which follows.
+        let (mut region, mut before) = (0, 0);
         while tags > 0 {
             let tag = rest.i64(&what)?;
-            region = if first { tag } else { region };
-            first = false;
+            region = if before < 2 && region == 0 { tag } else { region };
+            before += 1;
             tags -= 1;
         }
         mesh.tet(corners(&mut rest, &what)?, region, Place::Line(line.line));

@@ -33,7 +33,11 @@ pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Seats, Vec<Str
         let Some(index) = scene.deformable.iter().position(|object| object.name == *name) else { continue };
         let of = |what: &str, limits: Option<[f64; 2]>| limits.map(|limits| between(seed, name, what, limits));
         if let Some(factor) = of("stiffness", vary.stiffness) {
-            scene.deformable[index].material.youngs_modulus_pa *= factor;
+            let object = &mut scene.deformable[index];
+            object.material.youngs_modulus_pa *= factor;
+            // Its regions are as much stiffer or softer than the rest as they were.
+            let of_regions = object.region.iter_mut().filter_map(|region| region.youngs_modulus_pa.as_mut());
+            of_regions.for_each(|youngs_modulus_pa| *youngs_modulus_pa *= factor);
             drawn.push(format!("{name}: {factor:.2} times as stiff as the scene has it"));
         }
         if vary.size.is_some() || vary.shift_m.is_some() {

@@ -56,6 +56,8 @@ pub(super) struct Rest {
     pub corner_mass: [f64; 2],
     /// Its share of the bound at each corner by each way of spreading, N/m.
     pub corner_stiffness_n_m: [[f64; 2]; 4],
+    /// What each corner gets of the bed that the material is on, N/m.
+    pub corner_bed_n_m: f64,
     /// Above the largest of its forces for each metre that a node strays, N/m.
     force_n_m: f64,
     pub shortest_edge_m: f64,
@@ -87,6 +89,7 @@ impl Rest {
             volume_m3,
             corner_mass: [share_kg, share_kg * material.damping_per_s()],
             corner_stiffness_n_m: [0, 1, 2, 3].map(|corner| [equal[corner], by_gradient[corner]]),
+            corner_bed_n_m: material.bed_n_m4() * volume_m3 / 4.0,
             force_n_m: mu_pa.max(lambda_pa) * volume_m3 * shape.inv_edges.norm_squared(),
             shortest_edge_m: shape.shortest_edge_m,
             mu_pa,

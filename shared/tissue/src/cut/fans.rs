@@ -45,11 +45,11 @@ pub fn fan(work: &Work, node: u32) -> Fan {
 }
 
 impl Work<'_> {
-    /// Whether a node is inside the tissue and of one region.
+    /// Whether a node is inside the tissue, of one region and of one material.
     pub fn is_inner(&self, node: u32) -> bool {
-        let regions = &self.tissue.rest.regions;
-        let mut of_star = self.star[node as usize].iter().map(|tet| regions[*tet as usize]);
+        let (regions, material) = (&self.tissue.rest.regions, &self.tissue.material);
+        let mut of_star = self.star[node as usize].iter().map(|tet| (regions[*tet as usize], material.get(*tet as usize)));
         let first = of_star.next();
-        fan(self, node) == Fan::None && first.is_some() && of_star.all(|region| Some(region) == first)
+        fan(self, node) == Fan::None && first.is_some() && of_star.all(|kind| Some(kind) == first)
     }
 }

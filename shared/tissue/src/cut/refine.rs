@@ -182,6 +182,7 @@ impl<'a> Work<'a> {
             self.tissue.rest.tets[*tet as usize] = first;
             self.tissue.rest.tets.push(second);
             self.tissue.rest.regions.push(self.tissue.rest.regions[*tet as usize]);
+            self.tissue.material.extend(self.tissue.material.get(*tet as usize).copied());
             self.near.push(new);
             self.star[edge[1] as usize].retain(|other| other != tet);
             second.iter().for_each(|node| self.star[*node as usize].push(new));

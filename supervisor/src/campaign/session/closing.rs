@@ -3,6 +3,7 @@
 use super::{QUIET_TICKS, Session, Trouble, keepers};
 use crate::campaign::cell::Cell;
 use crate::campaign::outcome::{Ending, Outcome};
+use crate::control::NoAnswer;
 use crate::fault::Fault;
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use hyst_exchange::system;
@@ -15,13 +16,40 @@ const CLOSE_NS: u64 = 120_000_000_000;
 /// The same for one that makes a start hang, for which an ordinary process has 180 s.
 const CLOSE_START_NS: u64 = 600_000_000_000;
 
+/// How long after nobody has answered a fault may still be done, ns: a main loop that is busy has the request before it, and takes each within milliseconds.
+const LATE_NS: u64 = 10_000_000_000;
+
 /// When a fault was asked for, and was done.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked {
     pub sent_ns: u64,
-    pub answered_ns: u64,
+    /// By when it was done at the latest.
+    pub by_ns: u64,
     /// When a keeper was hurt, whom nobody else can be asked to hurt.
     pub struck_ns: Option<u64>,
+}
+
+/// What is known of a fault that was not refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Done {
+    pub by_ns: u64,
+    pub struck_ns: Option<u64>,
+}
+
+impl Done {
+    /// To a keeper, at this time.
+    pub(super) fn at(struck_ns: u64) -> Done {
+        Done { by_ns: system::now_ns(), struck_ns: Some(struck_ns) }
+    }
+
+    /// By what the supervisor answers now; an error if nothing was done.
+    pub(super) fn of_answer(answer: Result<(), NoAnswer>, now_ns: u64) -> Result<Done, String> {
+        match answer {
+            Ok(()) | Err(NoAnswer::Half(_)) => Ok(Done { by_ns: now_ns, struck_ns: None }),
+            Err(NoAnswer::Unanswered(_)) => Ok(Done { by_ns: now_ns + LATE_NS, struck_ns: None }),
+            Err(NoAnswer::Refused(reason)) => Err(reason),
+        }
+    }
 }
 
 impl Session {
@@ -71,7 +99,7 @@ impl Session {
         let is_ours = |fault: &Fault| injections.iter().any(|injection| is_of(fault, injection, asked));
         let lies_ns =
             injections.iter().filter(|injection| injection.kind == FaultKind::Frozen).filter_map(|injection| injection.for_s);
-        let lies_until_ns = lies_ns.map(|for_s| asked.answered_ns + (for_s * 1e9) as u64).max().unwrap_or(0);
+        let lies_until_ns = lies_ns.map(|for_s| asked.by_ns + (for_s * 1e9) as u64).max().unwrap_or(0);
         let (mut closed, mut touching) = (Vec::new(), 0);
         let waited = self.wait(limit_ns, |session| {
             closed.extend(session.unread());
@@ -130,7 +158,7 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
     let role = |name: &str| name.split(':').next().map(str::to_string);
     fault.kind == injection.kind.name()
         && role(&fault.target) == role(&injection.target)
-        && (asked.sent_ns..=asked.answered_ns).contains(&fault.injected_ns)
+        && (asked.sent_ns..=asked.by_ns).contains(&fault.injected_ns)
 }
 
 #[cfg(test)]
@@ -148,6 +176,24 @@ mod tests {
         assert_eq!(read(8), "three\n");
         std::fs::remove_file(&path).unwrap();
         assert!(news(&path, 0).is_err());
+    }
+
+    /// It counted as refused: what had been done had no window, and its line was nobody's.
+    #[test]
+    fn a_fault_whose_answer_is_lost_is_looked_for_among_those_that_were_done() {
+        let now_ns = 50_000_000_000;
+        let answers = [Ok(()), Err(NoAnswer::Unanswered("busy".into())), Err(NoAnswer::Refused("no such spare".into()))];
+        let [answered, lost, refused] = answers.map(|answer| Done::of_answer(answer, now_ns));
+        assert_eq!(refused, Err("no such spare".into()));
+        let injection = Injection::now(FaultKind::Kill, "tissue:active");
+        let is_found = |done: &Result<Done, String>, injected_ns: u64| {
+            let Done { by_ns, struck_ns } = done.clone().unwrap();
+            let fault = Fault { kind: "kill".into(), target: "tissue:1".into(), injected_ns, ..Fault::default() };
+            is_of(&fault, &injection, Asked { sent_ns: now_ns - 10_000_000, by_ns, struck_ns })
+        };
+        assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&lost, now_ns + late_ns)), [true, true], "it is done after all");
+        assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&answered, now_ns + late_ns)), [true, false], "another one");
+        assert!(!is_found(&lost, now_ns - 20_000_000), "one of before");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A swap that is under way when a fault comes: begun by the campaign, from a copy of the role's own engine, and hurt at a drawn place of it. Whether it
+//! A swap that is under way when a fault comes: begun by the campaign as by a user, to a copy of the role's own engine, and hurt at a drawn place of it. Whether it
 //! succeeds is the swap's affair; that it ends is a promise. How far it is, is said by its record, and after its probation by the roster and the places.
 
 use super::{AHEAD_TICKS, EARLY_TICKS, QUIET_TICKS, Session, Trouble};
@@ -6,10 +6,10 @@ use crate::campaign::cell::Cell;
 use crate::campaign::draw::Entry;
 use crate::campaign::outcome::{Ending, Outcome, SwapSeen};
 use crate::campaign::stage::{Place, Stage};
-use crate::control::{self, Request};
+use crate::commands;
 use crate::plan::Plan;
-use crate::swap::{Record, Step};
-use hyst_exchange::system;
+use crate::swap::{Record, Step, kept};
+use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot, TICK_NS};
 use std::path::PathBuf;
 
@@ -75,12 +75,11 @@ impl Session {
     /// did not begin.
     fn begin_swap(&mut self, role: Role, stage: Stage) -> Result<Result<Option<u64>, String>, Trouble> {
         let before = self.places(role);
-        let number = match self
-            .copy(role)
-            .and_then(|binary| control::ask(&self.station, &Request::Swap { role: role.name().into(), binary }))
-        {
-            Ok(answer) => answer["number"].as_u64().unwrap_or(0),
-            Err(reason) => return Ok(Err(format!("swap of {}: {reason}", role.name()))),
+        let begin =
+            |binary: PathBuf| commands::swap::begin(&self.station, role.name(), &binary).map_err(|refusal| refusal.message);
+        let number = match own_engine(&self.station, role).and_then(begin) {
+            Ok(number) => number,
+            Err(reason) => return Ok(Err(reason)),
         };
         let found = self.wait(STAGE_NS, |session| {
             let record = Record::read(&session.station).filter(|record| record.number == number)?;
@@ -120,16 +119,12 @@ impl Session {
     fn end_swap(&mut self) -> Result<Option<Record>, Trouble> {
         self.wait(END_NS, |session| Record::read(&session.station).filter(|record| record.promoted.is_some()))
     }
+}
 
-    /// Another file with the same engine, so that the record shows who runs which.
-    fn copy(&self, role: Role) -> Result<PathBuf, String> {
-        let copy = self.files.with_file_name(format!("swapped-{}", role.name()));
-        if !copy.exists() {
-            let plan = Plan::read(&self.station).map_err(|error| error.to_string())?;
-            std::fs::copy(plan.binary(role), &copy).map_err(|error| format!("{}: {error}", copy.display()))?;
-        }
-        std::path::absolute(&copy).map_err(|error| format!("{}: {error}", copy.display()))
-    }
+/// The engine of a role as its arm has it, whichever copy of it the station runs: the swap takes a copy of its own, as a user's does.
+fn own_engine(station: &Station, role: Role) -> Result<PathBuf, String> {
+    let plan = Plan::read(station).map_err(|error| error.to_string())?;
+    Ok(kept::name_of(&plan.binary(role)))
 }
 
 /// What is kept of a swap that has ended, and how far it was at a time.
@@ -149,6 +144,34 @@ fn seen(record: &Record, at_ns: u64) -> SwapSeen {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
+
+    /// The copy lay in the folder of the results: the second arm swapped in the first arm's engine, and a folder of an older build the older one.
+    #[test]
+    fn a_swap_brings_in_the_engine_of_its_own_arm_also_where_the_station_runs_a_copy_by_now() {
+        let station = Station::named(&format!("t{}-arm", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        assert!(own_engine(&station, Role::Fluid).is_err(), "it has no plan");
+        let mut plan = Plan {
+            binaries: "/arms/second".into(),
+            slots: vec!["fluid:0".into()],
+            swapped: BTreeMap::new(),
+            end_tick: None,
+            faults: Vec::new(),
+        };
+        plan.write(&station).unwrap();
+        let own = Ok(PathBuf::from("/arms/second/fluid"));
+        assert_eq!(own_engine(&station, Role::Fluid), own);
+        // A copy as the station keeps it.
+        let folder = station.root().join("engines/1-2");
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("from"), "/arms/second/fluid").unwrap();
+        plan.swapped.insert("fluid".into(), folder.join("fluid"));
+        plan.write(&station).unwrap();
+        assert_eq!(own_engine(&station, Role::Fluid), own);
+        station.wipe();
+    }
 
     #[test]
     fn a_fault_after_the_end_of_a_swap_is_not_in_it_and_its_stage_is_the_last_step_before() {

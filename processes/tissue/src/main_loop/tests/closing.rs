@@ -1,0 +1,227 @@
+//! Promises of the Main Loop about a cavity whose walls are not parted: they come together, and apart again to where they were, slowly and without turning a
+//! tet inside out; they lie on an instrument that is between them, with a force that has an end; a state on the way is all that a successor needs; and while
+//! the pressure holds the walls apart, nothing of this is in a state.
+
+use super::pieces::parted;
+use super::*;
+use hyst_mesh::signed_volume;
+use std::sync::OnceLock;
+
+/// 10 mmHg, and 70.
+const LOW_PA: f32 = 1_333.2;
+const HIGH_PA: f32 = 9_333.0;
+/// Ticks in which a cavity closes or opens and comes to rest.
+const TICKS: u64 = 1_500;
+/// Most force that the largest device makes, N.
+const DEVICE_N: f32 = 12.0;
+
+struct Session<'a> {
+    main: MainLoop<'a>,
+    device: &'a OwnedPage,
+    now: Vec<u64>,
+    tick: u64,
+    tip_m: [f32; 3],
+    /// What the steps had at most.
+    most_kinetic_j: f64,
+    most_force_n: f32,
+}
+
+impl Session<'_> {
+    /// So many ticks at a pressure, in which nothing is mended; every 25th has its tets looked at.
+    fn go(&mut self, pressure_pa: f32, ticks: u64) {
+        for _ in 0..ticks {
+            self.tick += 1;
+            let mut record = InputRecord { tick: self.tick, pressure_pa, ..InputRecord::default() };
+            record.sample.pose = Pose { position_m: self.tip_m, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+            self.now = fed(&mut self.main, self.device, &self.now, &record);
+            let core = core_of(&self.now);
+            assert!(core.is_sane() && core.corrections == 0, "tick {}: {} corrections", self.tick, core.corrections);
+            let force_n = core.force_n.iter().map(|part| part * part).sum::<f32>().sqrt();
+            (self.most_force_n, self.most_kinetic_j) =
+                (self.most_force_n.max(force_n), self.most_kinetic_j.max(self.kinetic_j()));
+            if self.tick.is_multiple_of(25) {
+                assert_eq!(self.inverted(), 0, "tick {}: tets are inside out", self.tick);
+            }
+        }
+    }
+
+    fn kinetic_j(&self) -> f64 {
+        let of = |(velocity, mass_kg): (&[f32; 3], &f32)| {
+            0.5 * f64::from(*mass_kg) * velocity.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>()
+        };
+        let velocities: &[[f32; 3]] =
+            Message::parse(bytemuck::cast_slice(&self.now), Kind::TissueState).unwrap().section(2).unwrap();
+        velocities.iter().zip(self.main.world.model.mass_kg()).map(of).sum()
+    }
+
+    fn inverted(&self) -> usize {
+        let places = positions(&self.now);
+        let volume_m3 = |tet: &[u32; 4]| signed_volume(tet.map(|node| places[node as usize].map(f64::from).into()));
+        self.main.world.model.tets().iter().filter(|tet| volume_m3(tet) <= 0.0).count()
+    }
+
+    /// How far the wall's nodes whose places at rest are within a range of x and of z are from the middle, m: less than 0 beyond it.
+    fn halves_m(&self, x_m: std::ops::Range<f32>, z_m: std::ops::Range<f32>) -> Vec<f32> {
+        let (rest_m, places) = (self.main.world.model.rest_m(), positions(&self.now));
+        let mut nodes: Vec<usize> = self.main.world.wall.as_flattened().iter().map(|node| *node as usize).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.retain(|node| x_m.contains(&rest_m[*node][0]) && z_m.contains(&rest_m[*node][2]));
+        assert!(nodes.len() > 4, "{} nodes of the wall", nodes.len());
+        nodes.into_iter().map(|node| places[node][1] * rest_m[node][1].signum()).collect()
+    }
+}
+
+/// The least and the greatest.
+fn ends(all: &[f32]) -> [f32; 2] {
+    all.iter().fold([f32::MAX, f32::MIN], |[low, high], at| [low.min(*at), high.max(*at)])
+}
+
+fn with_session(name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Session<'_>)) {
+    let (station, pages) = founded(name, "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let now = first_state(&mut main);
+    let (most_kinetic_j, most_force_n) = (0.0, 0.0);
+    let mut session = Session { main, device: &pages[1], now, tick: 0, tip_m, most_kinetic_j, most_force_n };
+    try_it(&mut session);
+}
+
+#[test]
+fn without_pressure_the_walls_come_together_and_with_it_they_are_where_they_were() {
+    with_session("closes", [0.0, 0.0, -0.2], |session| {
+        // The polyp hangs on the patient's left.
+        let (right, body) = (-6e-3..0.0, 20e-3..40e-3);
+        session.go(HIGH_PA, 20);
+        let before = session.now.clone();
+        let [open_m, _] = ends(&session.halves_m(right.clone(), body.clone()));
+        assert!(open_m > 3e-3, "{open_m} m");
+        session.go(LOW_PA, TICKS);
+        assert_eq!(core_of(&session.now).closed, 1.0);
+        let [least_m, most_m] = ends(&session.halves_m(right.clone(), body.clone()));
+        println!(
+            "{:.2} to {:.2} mm from the middle, {:.1} µJ at most",
+            1e3 * least_m,
+            1e3 * most_m,
+            1e6 * session.most_kinetic_j
+        );
+        assert!(least_m > 0.2e-3 && most_m < 1.5e-3, "a slit, and no wall beyond the middle: {least_m} to {most_m} m");
+        assert!(session.kinetic_j() < 1e-7, "they are at rest: {} J", session.kinetic_j());
+        session.go(HIGH_PA, TICKS);
+        assert_eq!(core_of(&session.now).closed.to_bits(), 0);
+        let pairs = positions(&session.now).iter().zip(positions(&before));
+        let away_m = pairs.map(|(now, was)| (0..3).map(|axis| (now[axis] - was[axis]).powi(2)).sum::<f32>().sqrt());
+        let away_m = away_m.fold(0.0, f32::max);
+        println!("open again within {:.3} mm", 1e3 * away_m);
+        assert!(away_m < 2e-4, "{away_m} m from where they were");
+        assert!(session.most_kinetic_j < 5e-3, "{} J: they come slowly", session.most_kinetic_j);
+    });
+}
+
+#[test]
+fn walls_lie_on_the_instrument_that_is_between_them() {
+    with_session("between", [0.0, 0.0, 0.03], |session| {
+        session.go(HIGH_PA, 50);
+        assert_eq!(core_of(&session.now).contact_count, 0, "in the open cavity it touches nothing");
+        session.go(LOW_PA, TICKS);
+        let core = core_of(&session.now);
+        let [least_m, most_m] = ends(&session.halves_m(-1.5e-3..1.5e-3, 12e-3..26e-3));
+        println!(
+            "{:.2} to {:.2} mm from the axis, {:?} N, {} contacts",
+            1e3 * least_m,
+            1e3 * most_m,
+            core.force_n,
+            core.contact_count
+        );
+        assert!(core.contact_count > 10, "{} contacts", core.contact_count);
+        assert!(least_m > 1.6e-3, "a wall is {least_m} m from the axis of a shaft of 2.5 mm");
+        assert!(most_m < 3.4e-3, "a wall is {most_m} m from the axis: it lies on nothing");
+        // Half a millimetre to the front in a tenth of a second: the wall there pushes back.
+        let still_n = core.force_n[1];
+        for step in 1..=100 {
+            session.tip_m[1] = 5e-6 * step as f32;
+            session.go(LOW_PA, 1);
+        }
+        session.go(LOW_PA, 300);
+        let back_n = core_of(&session.now).force_n[1] - still_n;
+        println!("{back_n} N back, {} N at most", session.most_force_n);
+        assert!(back_n < -0.02, "{back_n} N");
+        session.tip_m[1] = 0.0;
+        session.go(HIGH_PA, TICKS);
+        assert_eq!(core_of(&session.now).contact_count, 0, "they let it go");
+        assert!(session.most_force_n < DEVICE_N, "{} N", session.most_force_n);
+    });
+}
+
+#[test]
+fn while_the_pressure_holds_the_walls_apart_nothing_of_it_is_in_a_state() {
+    let after = |name: &str, is_spoilt: bool| {
+        let mut states = Vec::new();
+        with_session(name, [0.0, 0.0, -0.2], |session| {
+            let mut world = session.main.workshop.make(session.main.world.body.clone()).unwrap();
+            if is_spoilt {
+                world.shut_n = OnceLock::from(vec![[1e3; 3]; world.model.node_count()]);
+            }
+            session.main.take_world(world);
+            // A pump that starts is below for less than a tenth of a second.
+            for (pressure_pa, ticks) in [(5_333.0, 60), (LOW_PA, 60), (HIGH_PA, 60), (20_000.0, 60)] {
+                session.go(pressure_pa, ticks);
+                states.push(session.now.clone());
+            }
+            assert_eq!(core_of(&session.now).closed.to_bits(), 0);
+        });
+        states
+    };
+    assert!(after("open", false) == after("spoilt", true), "forces that hold the cavity shut are in a state of an open one");
+}
+
+#[test]
+fn who_finds_a_state_on_the_way_goes_on_to_the_bit() {
+    let (station, pages) = founded("onthe", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut holder, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    let mut now = first_state(&mut holder);
+    for tick in 1..=700 {
+        let pressure_pa = if tick <= 400 { LOW_PA } else { HIGH_PA };
+        let mut record = InputRecord { tick, pressure_pa, ..InputRecord::default() };
+        record.sample.pose = Pose { position_m: [0.0, 0.0, -0.2], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+        let before = now.clone();
+        now = fed(&mut holder, &pages[1], &now, &record);
+        if tick % 100 == 50 {
+            let closed = core_of(&now).closed;
+            assert!(closed > 0.0 && closed < 1.0, "tick {tick}: {closed}");
+            succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+        }
+    }
+    drop((holder, successor));
+}
+
+#[test]
+fn what_is_cut_while_the_cavity_is_closed_has_the_forces_of_the_mesh_that_it_is_then() {
+    with_session("shutcut", [0.0, 0.0, 0.004], |session| {
+        session.go(LOW_PA, 400);
+        let (whole, from) = (Arc::clone(&session.main.world), session.tick);
+        for tick in 1..=SWEEP {
+            session.tick = from + tick;
+            let record = InputRecord { tick: session.tick, pressure_pa: LOW_PA, ..sweeping(&whole, tick) };
+            session.now = fed(&mut session.main, session.device, &session.now, &record);
+            assert!(session.main.accepts(bytemuck::cast_slice(&session.now)), "tick {tick}");
+        }
+        let cut = Arc::clone(&session.main.world);
+        assert!(cut.version != whole.version, "nothing was cut");
+        assert_eq!(cut.shut_n().len(), cut.model.node_count());
+        // Where the polyp alone has changed, the wall is held as before.
+        let (body, ..) = parted(&whole, 0.0);
+        let halved = session.main.workshop.make(body).unwrap();
+        assert!(halved.model.node_count() > whole.model.node_count());
+        let owners = whole.body.owners();
+        let off_n = (0..owners.len()).filter(|node| owners[*node] == Some(0)).map(|node| {
+            let [before, now] = [&*whole, &halved].map(|world| world.shut_n()[node]);
+            (0..3).map(|axis| (now[axis] - before[axis]).abs()).fold(0.0, f32::max)
+        });
+        let off_n = off_n.fold(0.0, f32::max);
+        assert!(off_n < 1e-4, "the wall is held by other forces, by {off_n} N");
+    });
+}

@@ -1,0 +1,148 @@
+//! What a scene says and no cut changes: whose a tet is and what it is made of, and what holds it.
+
+use super::{ATTACHMENT_N_M, Case, mean_edge_m};
+use crate::body::{Body, Room};
+use crate::closing::Closing;
+use crate::drift::Bath;
+use crate::materials::{FIRST_REGION, Region, regions};
+use crate::metal::Metal;
+use crate::outlet::Outlet;
+use crate::site::MAX_OBJECTS;
+use crate::tool::Tool;
+use hyst_engine::Failure;
+use hyst_messages::stream::{ObjectKind, ScopeRecord};
+use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
+use hyst_tissue::Attachment;
+use std::collections::BTreeMap;
+
+/// A place at rest, to the bit.
+fn bits(point: [f32; 3]) -> [u32; 3] {
+    point.map(f32::to_bits)
+}
+
+impl Case {
+    pub(super) fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
+        let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
+        let kind = |kind| match kind {
+            DeformableKind::Organ => ObjectKind::Organ,
+            DeformableKind::Pathology => ObjectKind::Pathology,
+        };
+        let roots = roots(scene, body, starts);
+        let is_rooted = |index: u32| roots.keys().any(|(object, _)| *object == index);
+        Ok(Case {
+            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || is_rooted(index)).collect(),
+            objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
+            hollow: scene.objects.iter().map(|object| object.hollow).collect(),
+            density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
+            bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
+            regions: regions(scene),
+            rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
+            roots,
+            cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
+            room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len(), regions(scene).len()),
+            tool: Tool::of(rigid),
+            electrode: rigid.electrode.clone(),
+            outlet: Outlet::of(rigid),
+            looks: scene.objects.iter().map(|object| object.look).collect(),
+            scope: scope(scene, rigid),
+            metal: Metal::of(rigid),
+            rest: scene.rest,
+            pivot_m: scene.workspace.pivot_m,
+            rest_pressure_pa: scene.fluid.rest_pressure_pa,
+            closing: Closing::of(scene),
+        })
+    }
+
+    /// The object of the scene that an object is, or was a part of.
+    pub fn origin(&self, body: &Body, object: u32) -> usize {
+        body.origin.get(object as usize).map_or(0, |origin| *origin as usize)
+    }
+
+    /// The region of material that a tet is of; `None` where it is made of what its object is.
+    fn region(&self, body: &Body, tet: usize) -> Option<(u32, &Region)> {
+        let index = body.material.get(tet)?.checked_sub(1)?;
+        self.regions.get(index as usize).map(|region| (index, region))
+    }
+
+    /// What a tet is made of, by the number that [`materials`] gives it.
+    pub fn material(&self, body: &Body, tet: usize) -> u32 {
+        let own = || self.origin(body, body.rest.regions[tet]) as u32;
+        self.region(body, tet).map_or_else(own, |(index, _)| FIRST_REGION + index)
+    }
+
+    /// The mean density of an object, kg/m³.
+    pub fn density_of_kg_m3(&self, body: &Body, object: u32) -> f64 {
+        let own_kg_m3 = self.density_kg_m3.get(self.origin(body, object)).copied().unwrap_or(self.bath.density_kg_m3);
+        let of_region = |tet: usize| self.region(body, tet).map_or(0.0, |(_, region)| region.density_kg_m3 - own_kg_m3);
+        let more_kg = if body.material.is_empty() { 0.0 } else { body.weighed(object, of_region) };
+        if more_kg == 0.0 { own_kg_m3 } else { own_kg_m3 + more_kg / body.volume_of_m3(object) }
+    }
+
+    /// Whether each node of a body is held: it is fixed, or in tissue that what is around it holds.
+    pub fn held_nodes(&self, body: &Body) -> Vec<bool> {
+        let mut is_held = body.fixed.clone();
+        let is_on_bed = |tet: &usize| self.region(body, *tet).is_some_and(|(_, region)| region.is_on_bed);
+        for tet in (0..body.material.len()).filter(is_on_bed) {
+            body.rest.tets[tet].iter().for_each(|node| is_held[*node as usize] = true);
+        }
+        is_held
+    }
+
+    /// Whether an object is one of the scene, and not one that has come free of such.
+    pub fn is_of_scene(&self, object: u32) -> bool {
+        (object as usize) < self.objects.len()
+    }
+
+    /// Whether an object is one of the scene that nothing has ever held.
+    pub fn is_loose_in_scene(&self, object: u32) -> bool {
+        self.rooted.get(object as usize).is_some_and(|is_rooted| !is_rooted)
+    }
+
+    /// Whether an object is, or was a part of, what is to be removed.
+    pub fn is_pathology(&self, body: &Body, object: u32) -> bool {
+        self.objects.get(self.origin(body, object)).is_some_and(|(_, kind)| *kind == ObjectKind::Pathology)
+    }
+
+    /// What holds the nodes of a body. A node that was copied is held as its original is; one whose host is gone is not held.
+    pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
+        let owner = body.owners();
+        let is_used = |node: &u32| owner.get(*node as usize).is_some_and(Option::is_some);
+        let held = |(node, owner): (usize, &Option<u32>)| {
+            let origin = self.origin(body, (*owner)?) as u32;
+            let root = self.roots.get(&(origin, bits(body.rest.positions_m[node])))?;
+            root.tet.iter().all(is_used).then_some(Attachment { node: node as u32, ..*root })
+        };
+        owner.iter().enumerate().filter_map(held).collect()
+    }
+}
+
+fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
+    let view = &scene.scene.view;
+    ScopeRecord {
+        oblique_rad: view.optic_angle_deg.to_radians() as f32,
+        field_of_view_rad: view.field_of_view_deg.to_radians() as f32,
+        periphery_ratio: view.periphery_ratio as f32,
+        light: view.light as f32,
+        shaft_radius_m: rigid.radius_m,
+        shaft_length_m: rigid.length_m,
+        loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
+        loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
+    }
+}
+
+fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {
+    let mut first_tet = vec![0usize];
+    for object in &scene.objects {
+        first_tet.push(first_tet.last().copied().unwrap_or(0) + object.mesh.tets.len());
+    }
+    let mut all = BTreeMap::new();
+    for (index, object) in scene.objects.iter().enumerate() {
+        for (host, held) in object.attach.iter().flat_map(|attach| attach.nodes.iter().map(|node| (attach.host, node))) {
+            let node = starts[index] as u32 + held.node;
+            let tet = body.rest.tets[first_tet[host] + held.tet as usize];
+            let root = Attachment { node, tet, weights: held.weights, stiffness_n_m: ATTACHMENT_N_M };
+            all.insert((index as u32, bits(body.rest.positions_m[node as usize])), root);
+        }
+    }
+    all
+}

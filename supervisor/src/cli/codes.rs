@@ -1,0 +1,17 @@
+//! What the exit codes mean, as the end of a command's `--help` says it.
+
+/// Of this program.
+pub const ALL: &str = "Exit codes: 0 good; 1 failed, or a promise broken; 2 bad arguments or input, and nothing was done; 3 finished or interrupted, and \
+                       something was lost or is not known.";
+/// Of `swap`.
+pub const SWAP: &str = "Exit codes: 0 the new engine has the role; 1 it was rolled back, or how it ended is not known; 2 it was refused, and nothing was \
+                        disturbed; 3 this command was interrupted, and the swap goes on.";
+/// Of `conformance`.
+pub const CONFORMANCE: &str = "Exit codes: 0 it conforms; 1 it does not; 2 it is no engine of that role, or there can be no such station; 3 this machine \
+                               gave it no time to show what it is, or no station to show it in.";
+/// Of `fault inject`.
+pub const INJECT: &str = "Exit codes: 0 it was done; 1 it was done by half, nobody knows whether it was done, or the state did not come; 2 it was refused, \
+                          and nobody is hurt; 3 it was interrupted, and has ended before its time.";
+/// Of `fault campaign`.
+pub const CAMPAIGN: &str = "Exit codes: 0 every promise held, or the batch is through and the plan is not; 1 a promise was broken; 2 a campaign that cannot \
+                            be; 3 nothing can be said of every promise, or the run stopped before its batch was through.";

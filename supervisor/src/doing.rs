@@ -1,0 +1,140 @@
+//! What a station is doing, as a tester names it, read from its pages: whoever asks for a fault in a state waits for it, and says whether the station was
+//! still in it when the fault came.
+
+use crate::campaign::cell::State;
+use crate::plan::Plan;
+use crate::policy;
+use crate::swap::{self, Record};
+use crate::view::Viewer;
+use hyst_exchange::Station;
+use hyst_messages::page::station as layout;
+use hyst_messages::{Role, Slot};
+use serde::{Deserialize, Serialize};
+
+/// What a station does at a time.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Doing {
+    /// Each of its processes is there and warm or live.
+    pub whole: bool,
+    /// Somebody has died and is not back: not one whose place was given up, or is emptied by a swap, and nobody in a station that only starts.
+    pub recovers: bool,
+    /// Contacts of the tool; `None` if no tissue says it.
+    pub contacts: Option<u32>,
+    /// A stroke of the electrode is under way.
+    pub cutting: bool,
+    /// The role of the swap that is under way.
+    pub swap: Option<String>,
+}
+
+impl Doing {
+    /// Of a station with these slots.
+    pub fn of(station: &Station, slots: &[Slot], viewer: &mut Viewer) -> Doing {
+        let swap = Record::read(station).filter(|record| record.promoted.is_none()).map(|record| record.role);
+        let status = viewer.tissue_status();
+        let ill: Vec<Slot> = slots.iter().copied().filter(|slot| !viewer.is_well(*slot)).collect();
+        let is_swapped = |slot: &Slot| swap.as_deref() == Some(slot.role().name());
+        Doing {
+            whole: !slots.is_empty() && ill.is_empty(),
+            recovers: ill.iter().any(|slot| !is_swapped(slot) && comes_back(*slot, viewer)),
+            contacts: status.map(|status| status.contact_count),
+            cutting: status.is_some_and(|status| status.is_cutting != 0),
+            swap,
+        }
+    }
+
+    /// Of a station that one looks at only now; `None` if it cannot be looked at.
+    pub fn now(station: &Station) -> Option<Doing> {
+        let (plan, mut viewer) = (Plan::read(station).ok()?, Viewer::open(station).ok()?);
+        Some(Doing::of(station, &plan.slots(), &mut viewer))
+    }
+}
+
+/// Whether a place that is not well has lost somebody, and another one is to come.
+fn comes_back(slot: Slot, viewer: &Viewer) -> bool {
+    let (page, at) = (viewer.page(), slot.number());
+    let has_lost = page.is_dead(slot) || page.page().load64(layout::SLOT_RESTARTS + at) > 0;
+    has_lost && !policy::Record::of_word(page.page().load32(layout::SLOT_RECORD + at)).given_up
+}
+
+/// The state that a tester waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    state: State,
+    /// In a swap: of this role alone.
+    role: Option<Role>,
+}
+
+impl Wanted {
+    /// Reads `contact`, `swap`, or `swap:fluid`.
+    pub fn parse(text: &str) -> Result<Wanted, String> {
+        match text.split_once(':') {
+            Some(("swap", role)) => Ok(Wanted { state: State::Swap, role: Some(swap::role_of(role)?) }),
+            _ => Ok(Wanted { state: State::parse(text)?, role: None }),
+        }
+    }
+
+    /// Whether the station is in it.
+    pub fn is_in(self, doing: &Doing) -> bool {
+        match self.state {
+            State::Any => true,
+            State::Idle => doing.whole && doing.contacts == Some(0),
+            State::Contact => doing.whole && doing.contacts.is_some_and(|contacts| contacts > 0),
+            State::Cutting => doing.whole && doing.cutting,
+            State::Recovery => doing.recovers,
+            State::Swap => doing.swap.as_deref().is_some_and(|swapped| self.role.is_none_or(|role| role.name() == swapped)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::page::ProcessState;
+
+    #[test]
+    fn a_state_is_waited_for_by_its_name_and_a_swap_by_its_role_too() {
+        let is_in = |text: &str, doing: &Doing| Wanted::parse(text).unwrap().is_in(doing);
+        let touches = Doing { whole: true, contacts: Some(2), swap: Some("fluid".into()), ..Doing::default() };
+        let names = ["any", "idle", "contact", "cutting", "recovery", "swap", "swap:fluid", "swap:tissue"];
+        let found = |doing: &Doing| names.map(|name| is_in(name, doing));
+        assert_eq!(found(&touches), [true, false, true, false, false, true, true, false]);
+        let hurt = Doing { recovers: true, whole: false, swap: None, ..touches };
+        assert_eq!(found(&hurt), [true, false, false, false, true, false, false, false]);
+        let silent = Doing { whole: true, ..Doing::default() };
+        assert_eq!([is_in("idle", &silent), is_in("contact", &silent)], [false; 2], "no tissue has said anything");
+        for bad in ["dancing", "swap:", "swap:liver", "swap:supervisor", "contact:fluid"] {
+            assert!(Wanted::parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    /// A station that only started was taken for one in a recovery, and so was one with a place that had been given up, for good.
+    #[test]
+    fn who_starts_for_the_first_time_and_who_was_given_up_are_no_recovery() {
+        let station = Station::named(&format!("t{}-doing", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let page = station.open_for_keeping().unwrap();
+        let slots = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
+        let own = slots.map(|slot| {
+            let own = station.create_slot(slot, 1).unwrap();
+            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
+            page.store32(layout::SLOT_INCARNATION + slot.number(), 1);
+            own
+        });
+        let mut viewer = Viewer::open(&station).unwrap();
+        let mut seen = || {
+            let doing = Doing::of(&station, &slots, &mut viewer);
+            (doing.whole, doing.recovers)
+        };
+        assert_eq!(seen(), (false, false), "they start");
+        own.iter().for_each(|own| own.set_state(ProcessState::Live));
+        assert_eq!(seen(), (true, false));
+        let second = slots[1].number();
+        page.store32(layout::SLOT_DEAD + second, 1);
+        assert_eq!(seen(), (false, true));
+        page.store32(layout::SLOT_RECORD + second, policy::Record { short_lives: 8, given_up: true }.word());
+        assert_eq!(seen(), (false, false), "nobody is to come");
+        station.wipe();
+    }
+}

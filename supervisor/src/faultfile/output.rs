@@ -1,0 +1,122 @@
+//! By which of its outputs an engine lies: which there are, who has them, and what can be wrong in each.
+
+use super::Injection;
+use hyst_messages::Role;
+use hyst_messages::mischief::{Mischief, Outlet};
+use serde::{Deserialize, Serialize};
+
+/// One output of an engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// The state that its steps send.
+    State,
+    /// What stands in its page for others to compute from.
+    Cell,
+    /// The topology.
+    Topology,
+    /// The jobs of the collision workers.
+    Job,
+    /// The stream of what was applied.
+    Force,
+    /// How the objects look.
+    Appearance,
+}
+
+impl Output {
+    /// All of them with their names.
+    pub const ALL: [(Output, &'static str); 6] = [
+        (Output::State, "state"),
+        (Output::Cell, "cell"),
+        (Output::Topology, "topology"),
+        (Output::Job, "job"),
+        (Output::Force, "force"),
+        (Output::Appearance, "appearance"),
+    ];
+
+    /// The output with this name.
+    pub fn from_name(name: &str) -> Option<Output> {
+        Output::ALL.iter().find(|(_, known)| *known == name).map(|(output, _)| *output)
+    }
+
+    /// What its engine is asked.
+    pub fn outlet(self) -> Outlet {
+        match self {
+            Output::State => Outlet::State,
+            Output::Cell => Outlet::Cell,
+            Output::Topology => Outlet::Topology,
+            Output::Job => Outlet::Job,
+            Output::Force => Outlet::Force,
+            Output::Appearance => Outlet::Appearance,
+        }
+    }
+
+    /// Those of a role that has several, or one beside its steps.
+    fn of(role: Role) -> &'static [Output] {
+        match role {
+            Role::Tissue => &[Output::State, Output::Cell, Output::Topology, Output::Job, Output::Appearance],
+            Role::Fluid => &[Output::State, Output::Cell],
+            Role::Haptic => &[Output::Cell, Output::Force],
+            Role::Device => &[Output::Cell],
+            _ => &[],
+        }
+    }
+}
+
+impl Injection {
+    /// Why a process of this role cannot lie so by the output; `None` if it can.
+    pub(super) fn untold(&self, role: Role) -> Option<&'static str> {
+        let (output, what) = (self.output?, self.kind.mischief()?);
+        let is_number = matches!(what, Mischief::Nan | Mischief::Inf | Mischief::Range);
+        let is_layout = what == Mischief::Layout;
+        match output {
+            _ if !Output::of(role).contains(&output) => Some("it has no such output"),
+            Output::Cell if is_layout => Some("the layout of a page is checked once, before anybody reads in it"),
+            Output::State | Output::Cell => None,
+            Output::Appearance if !is_number => Some("that answer has neither stamp nor layout; take nan, inf or range"),
+            _ if !is_number && !is_layout => Some("nobody goes by the stamp of that; take nan, inf, range or layout"),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::faultfile::FaultKind;
+
+    #[test]
+    fn each_lies_by_the_outputs_that_it_has_in_what_can_be_wrong_there() {
+        let checked = |kind: FaultKind, target: &str, output: Output| {
+            Injection { output: Some(output), ..Injection::now(kind, target) }.check().map(|_| ())
+        };
+        for (kind, target, output) in [
+            (FaultKind::Nan, "tissue:active", Output::State),
+            (FaultKind::Frozen, "fluid:active", Output::Cell),
+            (FaultKind::Range, "tissue:active", Output::Topology),
+            (FaultKind::Layout, "tissue:active", Output::Job),
+            (FaultKind::Inf, "haptic:active", Output::Force),
+            (FaultKind::Nan, "tissue:active", Output::Appearance),
+            (FaultKind::Nan, "device", Output::Cell),
+        ] {
+            assert_eq!(checked(kind, target, output), Ok(()), "{} {target} {output:?}", kind.name());
+        }
+        for (kind, target, output, words) in [
+            (FaultKind::Nan, "fluid:active", Output::Topology, "no such output"),
+            (FaultKind::Nan, "collision-worker:0", Output::State, "no such output"),
+            (FaultKind::Frozen, "tissue:active", Output::Job, "stamp"),
+            (FaultKind::Layout, "tissue:active", Output::Appearance, "nor layout"),
+            (FaultKind::Layout, "fluid:active", Output::Cell, "checked once"),
+            (FaultKind::Kill, "tissue:active", Output::State, "output belongs to"),
+            (FaultKind::Block, "tissue:active", Output::State, "output belongs to"),
+        ] {
+            let refused = checked(kind, target, output).unwrap_err();
+            assert!(refused.contains(words), "{} {target} {output:?}: {refused}", kind.name());
+        }
+        for (output, name) in Output::ALL {
+            assert_eq!(Output::from_name(name), Some(output));
+            let text = format!("kind = \"nan\"\ntarget = \"tissue\"\ntick = 1\noutput = \"{name}\"\n");
+            assert_eq!(toml::from_str::<Injection>(&text).unwrap().output, Some(output));
+        }
+    }
+}
