@@ -57,6 +57,16 @@ impl Scale {
     }
 }
 
+/// A scale of the table.
+pub(crate) const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
+    Some(Scale { full, none, weight })
+}
+
+/// Part of a whole, %; `None` of nothing.
+pub(crate) fn share(part: u64, whole: u64) -> Option<f64> {
+    (whole > 0).then_some(100.0 * part as f64 / whole as f64)
+}
+
 /// A metric as the table has it.
 #[derive(Debug)]
 pub struct Definition {

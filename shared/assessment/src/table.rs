@@ -4,7 +4,7 @@ use crate::clarity::CLEAR_SHARE;
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
 use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
-use crate::metric::{Definition, Group, Scale};
+use crate::metric::{Definition, Group, scale, share};
 
 const ASSUMED: &str = "assumed";
 const SHOWN: &str = "shown, not scored: it depends on the case";
@@ -13,7 +13,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 40] = [
+pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -205,6 +205,15 @@ pub static METRICS: [Definition; 40] = [
     },
     Definition {
         group: Group::Safety,
+        key: "perforations",
+        name: "alarms of a perforation of the wall",
+        unit: "",
+        scale: scale(0.0, 1.0, 4.0),
+        value: |m| m.medium.newest().map(|_| m.medium.perforation_count() as f64),
+        source: "one is one too many; weight assumed",
+    },
+    Definition {
+        group: Group::Safety,
         key: "energised",
         name: "time with the current that cuts in the loop",
         unit: "s",
@@ -383,12 +392,3 @@ pub const OF_THE_TASK: [&str; 4] = ["time", "path", "economy", "camera_turned"];
 const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
 const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
 const _: () = assert!(BLEEDS_ML_MIN == 1.0 && CLEAR_SHARE == 0.5);
-
-const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
-    Some(Scale { full, none, weight })
-}
-
-/// Part of a whole, %; `None` of nothing.
-fn share(part: u64, whole: u64) -> Option<f64> {
-    (whole > 0).then_some(100.0 * part as f64 / whole as f64)
-}
