@@ -25,6 +25,7 @@ pub fn json(sessions: &Sessions) -> Value {
     let compared = |column: &Column| {
         let mut value = session(column);
         value["is_of_same_anatomy"] = json!(column.is_of_same_anatomy(&sessions.reported));
+        value["is_judged_alike"] = json!(column.is_judged_alike(&sessions.reported));
         value
     };
     value["compared"] = sessions.earlier.iter().map(compared).collect();

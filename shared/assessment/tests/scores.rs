@@ -134,6 +134,43 @@ fn a_session_with_another_seed_of_the_same_case_is_marked_and_the_same_case_from
     }
 }
 
+/// Whether an earlier session of a case that was changed since is marked as of another anatomy, and as judged by other goals.
+fn edited(change: fn(&mut Value)) -> [bool; 2] {
+    let before = case(&[0.1], 3);
+    let mut after: Value = serde_json::from_str(&before).unwrap();
+    change(&mut after);
+    let [reported, earlier] = [after.to_string(), before].map(|case| recorded("edited", &[("case", case.as_str())], &at_work()));
+    let mut sessions = Sessions::new("new.mcap", reported);
+    sessions.compare("old.mcap", earlier);
+    let (page, told, report) = (html(&sessions), text(&sessions), json(&sessions));
+    let marks = [
+        ("is_of_same_anatomy", "of another case, seed or scene"),
+        ("is_judged_alike", "judged by other goals, ends, warnings or weights"),
+    ];
+    let marked = marks.map(|(_, words)| page.contains(words));
+    assert_eq!(marked, marks.map(|(_, words)| told.contains(words)));
+    let [anatomy, judged] = marks.map(|(key, _)| report["compared"][0][key].as_bool() == Some(false));
+    assert_eq!(marked, [anatomy, judged && !anatomy], "the first says it already");
+    [anatomy, judged]
+}
+
+#[test]
+fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_marked() {
+    let changes: [(fn(&mut Value), [bool; 2]); 8] = [
+        (|_| {}, [false, false]),
+        (|case| case["goals"][0]["words"] = json!("take a tenth of a millilitre"), [false, false]),
+        (|case| case["goals"][0]["is"] = json!({ "removed": 0.2 }), [false, true]),
+        (|case| case["end"]["time_s"] = json!(50.0), [false, true]),
+        (|case| case["warnings"][0]["is"] = json!({ "bled_above": 0.2 }), [false, true]),
+        (|case| case["score"] = json!({ "time": { "weight": 4.0 } }), [false, true]),
+        (|case| case["drawn"] = json!(["polyp: 1.10 times as large"]), [true, false]),
+        (|case| case["pathology_ml"] = json!(2.1), [true, false]),
+    ];
+    for (index, (change, marked)) in changes.into_iter().enumerate() {
+        assert_eq!(edited(change), marked, "change {index}");
+    }
+}
+
 #[test]
 fn goals_warnings_alarms_and_current_are_marked_over_time_and_the_pump_is_not_told_of_under_the_station() {
     let mut blocks = at_work();
