@@ -65,3 +65,30 @@ fn what_is_scored_in_full_is_no_more_than_what_the_goals_ask_for() {
         }
     }
 }
+
+/// What a way through the cavity spans, m: the diagonal of the box from the canal to before the fundus and to both sides (assumed; economy is that by the path).
+const SPAN_M: f64 = 0.042;
+
+/// The economy of a path is what it spans by its length: one that is scored in full is to have it scored in full, and one that is not short has some of it left.
+#[test]
+fn who_has_a_path_that_is_scored_in_full_has_the_economy_for_it() {
+    let mut both = 0;
+    for (name, case) in cases() {
+        let Some((path, economy)) = scale(&case, "path").zip(scale(&case, "economy")) else { continue };
+        let percent = |path_m: f64| 100.0 * SPAN_M / path_m;
+        assert!(
+            economy.full <= percent(path.full) + 1e-9,
+            "{name}: {economy:?}, of a path of {} m {}",
+            path.full,
+            percent(path.full)
+        );
+        assert!(
+            economy.none <= percent(path.none) + 1e-9,
+            "{name}: {economy:?}, of a path of {} m {}",
+            path.none,
+            percent(path.none)
+        );
+        both += 1;
+    }
+    assert!(both >= 9, "{both} cases weigh both");
+}
