@@ -31,6 +31,7 @@ impl Judge {
                 "state": if state.reached_tick.is_some() { "reached" } else if state.missed_tick.is_some() { "missed" } else { "open" },
                 "called_for": self.is_called_for(index),
                 "called_off": self.is_called_off(index),
+                "waits_for_blood": self.waits_for_blood(index),
                 "progress": state.progress,
                 "at_s": at_s(state.reached_tick.or(state.missed_tick)),
             })
@@ -83,8 +84,12 @@ impl Judge {
         let pairs = || self.brief.goals.iter().zip(&self.goals).enumerate();
         let called_for = pairs().find(|(index, (_, state))| is_open(state) && self.is_called_for(*index));
         let next = called_for.or_else(|| pairs().find(|(_, (_, state))| is_open(state) && !self.is_to_stop()));
-        lines.extend(next.into_iter().flat_map(|(_, (goal, state))| {
-            let share = if state.progress > 0.0 { format!("{:.0} %: ", 100.0 * state.progress) } else { String::new() };
+        lines.extend(next.into_iter().flat_map(|(index, (goal, state))| {
+            let share = match state.progress {
+                _ if self.waits_for_blood(index) => "no blood yet: ".to_owned(),
+                progress if progress > 0.0 => format!("{:.0} %: ", 100.0 * progress),
+                _ => String::new(),
+            };
             beside("next", &format!("{share}{}", goal.words))
         }));
         let standing = self.brief.warnings.iter().zip(&self.warnings).filter(|(_, state)| state.stands);
@@ -114,6 +119,7 @@ impl Judge {
                 (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),
                 (None, None) if self.is_called_off(index) => ("not called for any more".into(), ""),
                 (None, None) if !self.is_called_for(index) => ("not called for".into(), ""),
+                (None, None) if self.waits_for_blood(index) => ("not reached: it has not bled".into(), "warning"),
                 (None, None) => (format!("not reached ({:.0} % of it)", 100.0 * state.progress), "warning"),
             };
             (plain(&goal.words), told, class)

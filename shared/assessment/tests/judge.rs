@@ -205,6 +205,37 @@ fn a_bleeding_is_staunched_once_it_has_bled_and_does_so_slowly_for_long_enough()
     assert!((5_900..=5_950).contains(&reached), "{reached}");
 }
 
+/// Who raises the pressure before the cut makes no bleeding to be staunched.
+#[test]
+fn a_bleeding_that_was_prevented_is_waited_for_and_is_nobodys_goal_after_twenty_seconds() {
+    let goals = json!([{ "piece": 0.4 }, { "staunch": { "after_ml": 0.2, "below_ml_min": 1.0, "ticks": 1_000 } }]);
+    let cut = || {
+        let mut judge = judge(goals.clone(), json!({}), json!([]));
+        judge.tissue(&tissue(0, 1, 0.0));
+        wait(&mut judge, 0..10);
+        judge.tissue(&tissue(10, 1, 0.5));
+        wait(&mut judge, 10..15_000);
+        assert_eq!((judge.goals[0].reached_tick, judge.ended, judge.reached_percent()), (Some(10), None, Some(50.0)));
+        assert_eq!(judge.strip()[..2], ["goals    1 of 2", "next     no blood yet: number 1"]);
+        judge
+    };
+    let mut prevented = cut();
+    wait(&mut prevented, 15_000..20_010);
+    assert_eq!((prevented.ended, &prevented.json()["goals"][1]["waits_for_blood"]), (None, &json!(true)));
+    wait(&mut prevented, 20_010..30_000);
+    assert_eq!((prevented.ended, prevented.reached_percent()), (Some((EndedBy::Goals, 20_010)), Some(100.0)));
+    assert_eq!(prevented.over().unwrap(), "after 20.0 s: all goals were reached; 1 of 1 goals reached, 1 not called for");
+    let told = prevented.json();
+    let goal = &told["goals"][1];
+    assert_eq!([&goal["called_for"], &goal["called_off"]], [&json!(false), &json!(false)], "nothing has taken its place");
+
+    let mut bleeds = cut();
+    bleeds.fluid(&fluid(15_000, 60.0, 2.5)); // a quarter of a millilitre
+    wait(&mut bleeds, 15_000..40_000);
+    assert_eq!((bleeds.ended, bleeds.reached_percent()), (None, Some(50.0)), "what has bled is to be staunched");
+    assert_eq!(bleeds.strip()[1], "next     number 1");
+}
+
 #[test]
 fn each_end_comes_at_its_tick_and_nothing_counts_after_it() {
     let goals = json!([{ "removed": 1.0 }]);
