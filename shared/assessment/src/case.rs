@@ -40,6 +40,7 @@ impl Judge {
             let times = self.told.iter().filter(|(told, _)| *told == index).take(MOST_TIMES);
             json!({
                 "words": plain(&warning.words),
+                "is_notice": warning.is_notice(),
                 "stands": state.stands && self.ended.is_none(),
                 "count": state.count,
                 "at_s": times.map(|(_, tick)| self.since_start_s(*tick)).collect::<Vec<f64>>(),
@@ -93,7 +94,10 @@ impl Judge {
             beside("next", &format!("{share}{}", goal.words))
         }));
         let standing = self.brief.warnings.iter().zip(&self.warnings).filter(|(_, state)| state.stands);
-        lines.extend(standing.take(STRIP_WARNINGS).flat_map(|(warning, _)| beside("WARNING", &warning.words)));
+        lines.extend(standing.take(STRIP_WARNINGS).flat_map(|(warned, _)| {
+            let head = if warned.is_notice() { "NOTICE" } else { "WARNING" };
+            beside(head, &warned.words)
+        }));
         lines
     }
 
@@ -127,10 +131,10 @@ impl Judge {
         self.brief.goals.iter().zip(&self.goals).enumerate().map(line).collect()
     }
 
-    /// Warnings that fell: words, and when.
-    fn warning_lines(&self) -> Vec<(String, String)> {
+    /// Warnings and notices that fell: which of them it is, words, and when.
+    fn warning_lines(&self) -> Vec<(&'static str, String, String)> {
         let fallen = self.brief.warnings.iter().zip(&self.warnings).enumerate().filter(|(_, (_, state))| state.count > 0);
-        let line = |(index, (warning, state)): (usize, (&hyst_scene::Named<hyst_scene::Cause>, &crate::judge::WarningState))| {
+        let line = |(index, (warning, state)): (usize, (&hyst_scene::Warned, &crate::judge::WarningState))| {
             let first_s = self.since_start_s(state.first_tick.unwrap_or(0));
             let last =
                 self.told.iter().rev().find(|(told, _)| *told == index).map_or(first_s, |(_, tick)| self.since_start_s(*tick));
@@ -139,7 +143,7 @@ impl Judge {
             } else {
                 format!("{} times, from {first_s:.1} s to {last:.1} s", state.count)
             };
-            (plain(&warning.words), when)
+            (warning.kind(), plain(&warning.words), when)
         };
         fallen.map(line).collect()
     }
@@ -185,8 +189,8 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
     let _ = writeln!(out, "  ended {}", judge.ended_line());
     let warnings = judge.warning_lines();
     out.push_str(if warnings.is_empty() { "  no warnings\n" } else { "" });
-    for (words, when) in warnings {
-        let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("warning: {words}"), 60));
+    for (kind, words, when) in warnings {
+        let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("{kind}: {words}"), 60));
     }
 }
 
@@ -218,8 +222,8 @@ pub(crate) fn html(page: &mut String, judge: &Judge) {
     if warnings.is_empty() {
         page.push_str("<dt>warnings</dt><dd>none</dd>\n");
     }
-    for (words, when) in warnings {
-        let _ = writeln!(page, "<dt>warning</dt><dd class=\"warning\">{}: {}</dd>", escape(&words), escape(&when));
+    for (kind, words, when) in warnings {
+        let _ = writeln!(page, "<dt>{kind}</dt><dd class=\"{kind}\">{}: {}</dd>", escape(&words), escape(&when));
     }
     page.push_str("</dl></section>\n");
 }

@@ -219,6 +219,12 @@ impl Judge {
         }
     }
 
+    /// How often warnings fell that count: those that are no notices.
+    pub fn warning_count(&self) -> u64 {
+        let fell = self.brief.warnings.iter().zip(&self.warnings).filter(|(warned, _)| !warned.is_notice());
+        fell.map(|(_, state)| state.count).sum()
+    }
+
     fn warn(&mut self, index: usize, is_cause: bool, tick: u64) {
         let warning = &mut self.warnings[index];
         if is_cause {

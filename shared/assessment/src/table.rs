@@ -380,8 +380,8 @@ pub static METRICS: [Definition; 41] = [
         name: "warnings of the case",
         unit: "",
         scale: scale(0.0, 5.0, 1.0),
-        value: |m| m.judge.as_ref().map(|judge| judge.warnings.iter().map(|warning| warning.count).sum::<u64>() as f64),
-        source: ASSUMED,
+        value: |m| m.judge.as_ref().map(|judge| judge.warning_count() as f64),
+        source: "assumed; notices, and that time has passed, count in none",
     },
 ];
 

@@ -112,6 +112,7 @@ fn to_be_overloaded_at_once_and_to_stop_is_not_the_surest_way_through_the_case_o
     let floods = Story { removed: 0.0, alarms: 0, deficit_ml: 101.0, stops: true };
     let [resects, stops] = [RESECTS, floods].map(|story| told("fluid-overload", &brief, story));
     assert_eq!((resects.done, stops.done), (1.0, 1.0));
+    assert_eq!(metric(&stops, "warnings"), (Some(0.0), Some(100.0)), "what everybody comes to who is to stop is a notice");
     let [of_resects, of_stops] = [&resects, &stops].map(|scores| scores.total.unwrap());
     assert!(of_stops + 5.0 < of_resects, "{of_stops} of who is overloaded, {of_resects} of who resects");
 }

@@ -328,6 +328,23 @@ fn a_warning_that_flickers_is_one_and_comes_again_after_a_second_of_calm() {
 }
 
 #[test]
+fn a_notice_and_that_time_has_passed_are_told_and_count_in_no_score() {
+    let causes = json!([{ "time_above": 100 }, { "deficit_above": 10.0 }, { "deficit_above": 20.0 }]);
+    let mut judge = judge(json!([{ "removed": 1.0 }]), json!({}), causes);
+    judge.brief.warnings[1].notice = true;
+    judge.fluid(&fluid(100, 60.0, 30.0));
+    wait(&mut judge, 100..400);
+    assert_eq!(judge.warnings.iter().map(|warning| warning.count).collect::<Vec<u64>>(), [1, 1, 1]);
+    assert_eq!(judge.warning_count(), 1);
+    let told = judge.json();
+    assert_eq!(
+        [0_usize, 1, 2].map(|index| told["warnings"][index]["is_notice"].as_bool()),
+        [Some(true), Some(true), Some(false)]
+    );
+    assert!(judge.strip().iter().any(|line| line == "NOTICE   number 0"), "{:?}", judge.strip());
+}
+
+#[test]
 fn a_successor_goes_on_from_what_was_written_down() {
     let goals = json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 500 } }, { "removed": 1.0 }]);
     let mut whole = judge(goals, json!({ "time_s": 1.5 }), json!([{ "time_above": 200 }]));

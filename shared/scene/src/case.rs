@@ -15,8 +15,9 @@ mod metrics;
 mod reach;
 mod seat;
 mod vary;
+mod words;
 
-pub use brief::{Aim, Brief, Cause, Named, Region, Sight};
+pub use brief::{Aim, Brief, Cause, Named, Region, Sight, Warned};
 pub use file::{
     Alarm, Biopsy, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey, Vary, Visit,
     Warning,

@@ -332,6 +332,9 @@ pub struct Warning {
     pub alarm: Option<Alarm>,
     /// There is current in the loop while the middle of its ring is in this place.
     pub current_in: Option<String>,
+    /// It is told, and counts in no score: who does all that is asked for comes to it, too. That time has passed counts in none anyway. Default: false.
+    #[serde(default)]
+    pub notice: bool,
 }
 
 /// How a metric is scored. What is missing is the report's default.
