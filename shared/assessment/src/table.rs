@@ -93,7 +93,7 @@ pub static METRICS: [Definition; 41] = [
         unit: "%",
         scale: scale(90.0, 30.0, 2.0),
         value: |m| share(m.in_view.counted().0, m.in_view.counted().1),
-        source: "in the picture, within 25 mm; without current of the whole time; shares assumed",
+        source: "in the picture, within 25 mm; of less than 1 s of current the whole time; shares assumed",
     },
     Definition {
         group: Group::Ergonomics,
