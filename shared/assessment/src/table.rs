@@ -7,6 +7,7 @@ use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
 use crate::metric::{Definition, Group, scale, share};
 
 const ASSUMED: &str = "assumed";
+const HEAD_HELD: &str = "assumed; nothing where the scope is not turned, or the head is kept level for it";
 const SHOWN: &str = "shown, not scored: it depends on the case";
 
 /// The defaults. The groups, and that path length, time and camera alignment separate novices from experts best (so they weigh 2), are Bajka et al. 2010.
@@ -156,7 +157,7 @@ pub static METRICS: [Definition; 41] = [
         unit: "°",
         scale: scale(180.0, 1_440.0, 1.0),
         value: |m| m.motion.turned_rad().map(f64::to_degrees),
-        source: ASSUMED,
+        source: HEAD_HELD,
     },
     Definition {
         group: Group::Ergonomics,
@@ -165,7 +166,7 @@ pub static METRICS: [Definition; 41] = [
         unit: "°",
         scale: scale(10.0, 45.0, 2.0),
         value: |m| m.motion.tilt_rad().map(f64::to_degrees),
-        source: ASSUMED,
+        source: HEAD_HELD,
     },
     Definition {
         group: Group::Safety,

@@ -64,9 +64,11 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
         [("idle", idle()), ("good", at_work())].map(|(name, blocks)| recorded(name, &[("case", case.as_str())], &blocks));
     let [of_idle, of_good] = [&idle, &good].map(|assessment| scores(&assessment.measured));
     assert_eq!((of_idle.done, of_good.done), (0.0, 1.0));
-    for key in ["time", "path", "camera_turned"] {
+    for key in ["time", "path"] {
         assert_eq!((score(&of_idle, key), score(&of_good, key)), (Some(0.0), Some(100.0)), "{key}: it was quick and short");
     }
+    // The hand that does something turns the scope by 33 degrees, and the horizon with it.
+    assert_eq!((score(&of_idle, "camera_turned"), score(&of_good, "camera_turned")), (None, Some(100.0)));
     assert_eq!(score(&of_idle, "force_peak"), Some(100.0), "who does nothing hurts nobody");
     let [none, all] = [&of_idle, &of_good].map(|scores| scores.total.unwrap());
     assert!((none - 0.5 * mean(&of_idle)).abs() < 1e-9 && (all - mean(&of_good)).abs() < 1e-9, "{none} {all}");
