@@ -19,7 +19,7 @@ const TURNING_RAD: f64 = 1e-4;
 /// The horizon stands still in such a tick where it turns by less than this share of that: two hands do not make up for each other so well.
 const LEVEL_SHARE: f64 = 0.02;
 /// With so large a share of such ticks the head is held level by something that is no hand (assumption).
-const LEVELLED_SHARE: f64 = 0.25;
+const LEVELLED_SHARE: f64 = 0.1;
 /// The scope was turned where that was by so much in all, rad: by as much as the usual optic looks aside.
 const TURNED_RAD: f64 = PI / 6.0;
 /// A tip that is slower than this rests: it takes a second for 1 mm (assumption).

@@ -119,6 +119,22 @@ fn the_surface_and_the_root_follow_the_tets_that_were_moved() {
     }
 }
 
+/// Who never touches the camera head has nothing to learn of it where the horizon is kept for him.
+#[test]
+fn from_navigation_on_the_camera_head_is_the_trainees_and_engines_know_it() {
+    let path = std::env::temp_dir().join(format!("hyst-{}-head.toml", std::process::id()));
+    let free = ["biopsy", "myoma", "navigation", "polyp", "retrieval", "septum"];
+    for name in names() {
+        let case = settled(&name, None);
+        std::fs::write(&path, &case.text).unwrap();
+        let by_an_engine = load(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let is_free = free.contains(&name.as_str());
+        assert_eq!((case.scene.is_head_free, by_an_engine.is_head_free), (is_free, is_free), "{name}");
+    }
+    assert!(!load(&folder().join("../scenes/default.toml")).unwrap().is_head_free, "a scene by itself keeps it");
+}
+
 /// The pump holds its set pressure from before anybody moves: half of the goals of `access` came by themselves.
 #[test]
 fn no_pressure_that_a_goal_asks_for_is_the_one_that_the_pump_begins_with() {
