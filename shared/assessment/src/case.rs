@@ -33,6 +33,7 @@ impl Judge {
                 "called_off": self.is_called_off(index),
                 "waits_for_blood": self.waits_for_blood(index),
                 "progress": state.progress,
+                "weight": goal.weight,
                 "at_s": at_s(state.reached_tick.or(state.missed_tick)),
             })
         });
@@ -117,7 +118,7 @@ impl Judge {
 
     /// Goals: words, state in words, and a class for the page.
     fn goal_lines(&self) -> Vec<(String, String, &'static str)> {
-        let line = |(index, (goal, state)): (usize, (&hyst_scene::Named<hyst_scene::Aim>, &crate::judge::GoalState))| {
+        let line = |(index, (goal, state)): (usize, (&hyst_scene::Asked, &crate::judge::GoalState))| {
             let (told, class) = match (state.reached_tick, state.missed_tick) {
                 (Some(tick), _) => (format!("reached at {:.1} s", self.since_start_s(tick)), "reached"),
                 (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),

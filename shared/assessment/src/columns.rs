@@ -184,8 +184,8 @@ fn are_judged_alike(own: &Brief, other: &Brief) -> bool {
     is_same && aims(own).eq(aims(other)) && causes(own).eq(causes(other))
 }
 
-fn aims(brief: &Brief) -> impl Iterator<Item = &Aim> {
-    brief.goals.iter().map(|goal| &goal.is)
+fn aims(brief: &Brief) -> impl Iterator<Item = (&Aim, f64)> {
+    brief.goals.iter().map(|goal| (&goal.is, goal.weight))
 }
 
 fn causes(brief: &Brief) -> impl Iterator<Item = &Cause> {

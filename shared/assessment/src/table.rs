@@ -360,10 +360,10 @@ pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Task,
         key: "goals",
-        name: "goals of the case that were reached",
+        name: "goals of the case, by what they weigh",
         unit: "%",
         scale: scale(100.0, 0.0, 3.0),
-        value: |m| m.judge.as_ref().and_then(Judge::reached_percent),
+        value: |m| m.judge.as_ref().and_then(Judge::done_percent),
         source: ASSUMED,
     },
     Definition {

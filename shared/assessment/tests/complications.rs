@@ -99,8 +99,11 @@ fn who_pierces_the_wall_has_no_full_safety_also_without_a_case() {
 fn to_pierce_the_wall_at_once_and_to_stop_is_not_the_surest_way_through_the_case_of_a_perforation() {
     let brief = brief("perforation");
     let pierces = Story { removed: 0.0, alarms: PERFORATION, deficit_ml: 60.0, stops: true };
-    let [resects, stops] = [RESECTS, pierces].map(|story| told("perforation", &brief, story));
+    let nearly = Story { removed: 0.79, ..RESECTS };
+    let [resects, stops, nearly] = [RESECTS, pierces, nearly].map(|story| told("perforation", &brief, story));
     assert_eq!((resects.done, stops.done), (1.0, 1.0), "each has done what was asked for");
+    assert!((nearly.done - 0.79 / 0.8).abs() < 1e-9, "{}", nearly.done);
+    assert!(stops.total < nearly.total && nearly.total < resects.total, "{:?}: nearly all of it without a hole", nearly.total);
     assert_eq!((metric(&resects, "perforations").1, metric(&stops, "perforations").1), (Some(100.0), Some(0.0)));
     let [of_resects, of_stops] = [&resects, &stops].map(|scores| scores.total.unwrap());
     assert!(of_stops + 5.0 < of_resects, "{of_stops} of who pierces it, {of_resects} of who resects");

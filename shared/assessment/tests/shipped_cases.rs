@@ -92,3 +92,16 @@ fn who_has_a_path_that_is_scored_in_full_has_the_economy_for_it() {
     }
     assert!(both >= 9, "{both} cases weigh both");
 }
+
+/// Who takes a chip and goes home has less than who has taken half of it off.
+#[test]
+fn the_resection_weighs_more_than_all_that_comes_before_it() {
+    for (name, case) in cases().into_iter().filter(|(name, _)| ["polyp", "myoma", "septum"].contains(&name.as_str())) {
+        let weight = |is_removed: bool| -> f64 {
+            let goals = case.goal.iter().filter(|goal| goal.removed.is_some() == is_removed);
+            goals.map(|goal| goal.weight.unwrap_or(1.0)).sum()
+        };
+        let (removed, others) = (weight(true), weight(false));
+        assert!(removed > others, "{name}: {removed} of the resection, {others} of the rest");
+    }
+}

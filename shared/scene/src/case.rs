@@ -17,7 +17,7 @@ mod seat;
 mod vary;
 mod words;
 
-pub use brief::{Aim, Brief, Cause, Named, Region, Sight, Warned};
+pub use brief::{Aim, Asked, Brief, Cause, Named, Region, Sight, Warned};
 pub use file::{
     Alarm, Biopsy, CameraHead, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey,
     Vary, Visit, Warning,

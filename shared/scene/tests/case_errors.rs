@@ -60,7 +60,7 @@ fn find(name: &str, text: &str) -> Result<(), SceneError> {
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
-const ALONE: [(&str, &str, Kind, usize, &str); 66] = [
+const ALONE: [(&str, &str, Kind, usize, &str); 67] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
     ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
@@ -110,6 +110,7 @@ const ALONE: [(&str, &str, Kind, usize, &str); 66] = [
     ),
     ("percent = 50.0", "percent = 0.0", Kind::Range, 19, "goal[0].removed.percent"),
     ("percent = 50.0", "percent = 101.0", Kind::Range, 19, "goal[0].removed.percent"),
+    ("percent = 50.0 }", "percent = 50.0 }\nweight = 0.0", Kind::Range, 20, "goal[0].weight"),
     ("removed = { percent = 50.0 }\n", "", Kind::Incomplete, 18, "goal[0]"),
     ("removed = { percent = 50.0 }", "removed = { percent = 5.0 }\nvisit = { places = [] }", Kind::Range, 20, "goal[0].visit"),
     ("places = [\"middle\"]", "places = [\"top\"]", Kind::Name, 21, "goal[1].visit.places"),

@@ -60,10 +60,27 @@ impl Judge {
         (called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count(), called_for().count())
     }
 
-    /// Percent of the goals that were called for which are reached; `None` if none was.
-    pub fn reached_percent(&self) -> Option<f64> {
+    /// Percent of what the goals that were called for ask for which is done, each by its weight; `None` if none was. Of one that is open counts what is removed
+    /// of what it wants removed, and nothing of any other.
+    pub fn done_percent(&self) -> Option<f64> {
+        let goals = self.brief.goals.iter().zip(&self.goals).enumerate().filter(|(index, _)| self.is_called_for(*index));
+        let (mut done, mut of) = (0.0, 0.0);
+        for (_, (goal, state)) in goals {
+            let counts = match goal.is {
+                _ if state.reached_tick.is_some() => 1.0,
+                Aim::Removed(_) => state.progress,
+                _ => 0.0,
+            };
+            let weight = goal.weight.max(0.0);
+            (done, of) = (done + weight * counts, of + weight);
+        }
+        (of > 0.0).then(|| 100.0 * done / of)
+    }
+
+    /// Whether the session was broken off: nothing of the case has ended it, and a goal is open.
+    pub fn is_broken_off(&self) -> bool {
         let (reached, of) = self.tally();
-        (of > 0).then(|| 100.0 * reached as f64 / of as f64)
+        self.ended.is_none() && reached < of
     }
 
     /// Percent of the landmarks that the case names which were looked at; `None` without any.

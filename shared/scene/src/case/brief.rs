@@ -63,7 +63,7 @@ pub struct Brief {
     #[serde(default)]
     pub pathology_sight: Sight,
     /// Goals, in the file's order.
-    pub goals: Vec<Named<Aim>>,
+    pub goals: Vec<Asked>,
     /// What ends the session.
     pub end: End,
     /// Warnings: those of the rules, then the file's.
@@ -79,6 +79,22 @@ pub struct Named<T> {
     pub words: String,
     /// What it is.
     pub is: T,
+}
+
+/// A goal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    /// As the trainee reads it.
+    pub words: String,
+    /// What it asks for.
+    pub is: Aim,
+    /// What it counts beside the others; 1 in a recording of before they had weights.
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 /// Something that is warned of, or only told.
@@ -250,7 +266,7 @@ fn volume_ml(object: &LoadedDeformable) -> f64 {
     1e6 * hyst_mesh::check(&object.mesh).volume_m3
 }
 
-fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Named<Aim>, SceneError> {
+fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Asked, SceneError> {
     let (words, is) = if let Some(removed) = &goal.removed {
         let words = format!("remove {} % of the pathology", removed.percent);
         (words, Aim::Removed(pathology_ml * removed.percent / 100.0))
@@ -281,7 +297,7 @@ fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml
         let (after_ml, below_ml_min) = (staunch.after_ml, staunch.below_ml_min);
         (words, Aim::Staunch { after_ml, below_ml_min, ticks: ticks(staunch.for_s) })
     };
-    Ok(Named { words: goal.words.clone().unwrap_or(words), is })
+    Ok(Asked { words: goal.words.clone().unwrap_or(words), is, weight: goal.weight.unwrap_or(one()) })
 }
 
 /// What is seen in the inner half of the picture, no farther than so much, m. That is what is within half of the half angle of view: the lens draws that larger

@@ -173,7 +173,7 @@ pub struct Place {
     pub insertion_m: Option<[f64; 2]>,
 }
 
-/// What is to be reached: one of the tables below.
+/// What is to be reached: one of the tables below, and what it counts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Goal {
@@ -193,6 +193,8 @@ pub struct Goal {
     pub stop: Option<Stop>,
     /// A bleeding is staunched.
     pub staunch: Option<Staunch>,
+    /// What it counts beside the other goals, 0.1 to 100. Default: 1.
+    pub weight: Option<f64>,
 }
 
 /// So much of all pathology of the scene is removed: cut free, or burnt by the loop.
