@@ -158,12 +158,12 @@ impl Column {
             ("ticks that came again or late, left out", conduct.repeated.to_string()),
             ("largest step of the force", step),
             ("takeovers of a role", conduct.takeovers.to_string()),
-            ("changes of the servo that is followed", conduct.servo_changes.to_string()),
+            ("changes of the servo whose force is felt", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
-            ("flaws of the flow, mended", mended),
-            ("flaws of the flow, as before", kept),
-            ("flaws of the flow, as they were", as_they_were),
-            ("flaws of the flow, of ports and walls", of_walls),
+            ("flaws of the computed flow: mended", mended),
+            ("flaws of the computed flow: as before", kept),
+            ("flaws of the computed flow: left as they were", as_they_were),
+            ("flaws of the computed flow: ports and walls", of_walls),
         ]
     }
 

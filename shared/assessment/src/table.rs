@@ -117,7 +117,7 @@ pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Ergonomics,
         key: "economy",
-        name: "economy: extent of the path by its length",
+        name: "economy: what the path spans, by its length",
         unit: "%",
         scale: scale(8.4, 1.4, 1.0),
         value: |m| m.motion.economy().map(|economy| 100.0 * economy),
@@ -189,7 +189,7 @@ pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Safety,
         key: "force_p95",
-        name: "force that 95 % of the time does not exceed",
+        name: "force exceeded for 5 % of the time at most",
         unit: "N",
         scale: scale(0.5, 2.0, 2.0),
         value: |m| m.force.percentile_n(0.95),
@@ -225,7 +225,7 @@ pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Safety,
         key: "energised_free",
-        name: "of it while nothing was touched or cut",
+        name: "cutting current with nothing touched or cut",
         unit: "%",
         scale: scale(20.0, 80.0, 2.0),
         value: |m| share(m.electrode.free_ticks, m.electrode.energised_ticks),
@@ -243,7 +243,7 @@ pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Safety,
         key: "cuts",
-        name: "sweeps of the loop that cut",
+        name: "strokes of the loop that cut",
         unit: "",
         scale: None,
         value: |m| m.tissue.map(|status| f64::from(status.cuts)),
