@@ -188,8 +188,8 @@ fn aims(brief: &Brief) -> impl Iterator<Item = (&Aim, f64)> {
     brief.goals.iter().map(|goal| (&goal.is, goal.weight))
 }
 
-fn causes(brief: &Brief) -> impl Iterator<Item = &Cause> {
-    brief.warnings.iter().map(|warning| &warning.is)
+fn causes(brief: &Brief) -> impl Iterator<Item = (&Cause, bool)> {
+    brief.warnings.iter().map(|warned| (&warned.is, warned.is_notice()))
 }
 
 /// Counts with their names, in two halves: in one line they are too wide for the text.

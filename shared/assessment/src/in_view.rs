@@ -1,6 +1,7 @@
-//! Whether the pathology was in view while it was worked on: in the ticks with current, in all ticks of a session with less than a second of it. In view is what the lens points
-//! at, as of a landmark (`sight`): the middle of the pathology that is nearest to the tip, where the seed has drawn it, in the picture, near enough and with
-//! light. Whether the loop itself is in the picture is not asked: loop and optic are fixed to the scope, so that lies in its make and not in how it is held.
+//! Whether the pathology was in view while it was worked on: in the ticks with current, in all ticks of a session with less than a second of it. In view is
+//! what the lens points at, as of a landmark (`sight`): the middle of the pathology that is nearest to the tip, where the seed has drawn it, in the picture,
+//! near enough and with light. Whether the loop itself is in the picture is not asked: loop and optic are fixed to the scope, so that lies in its make and not
+//! in how it is held.
 
 use crate::force::length;
 use crate::motion::{difference, finite};

@@ -182,12 +182,14 @@ fn edited(change: fn(&mut Value)) -> [bool; 2] {
 
 #[test]
 fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_marked() {
-    let changes: [(fn(&mut Value), [bool; 2]); 8] = [
+    let changes: [(fn(&mut Value), [bool; 2]); 10] = [
         (|_| {}, [false, false]),
         (|case| case["goals"][0]["words"] = json!("take a tenth of a millilitre"), [false, false]),
         (|case| case["goals"][0]["is"] = json!({ "removed": 0.2 }), [false, true]),
         (|case| case["end"]["time_s"] = json!(50.0), [false, true]),
         (|case| case["warnings"][0]["is"] = json!({ "bled_above": 0.2 }), [false, true]),
+        (|case| case["warnings"][0]["notice"] = json!(true), [false, true]),
+        (|case| case["goals"][0]["weight"] = json!(2.0), [false, true]),
         (|case| case["score"] = json!({ "time": { "weight": 4.0 } }), [false, true]),
         (|case| case["drawn"] = json!(["polyp: 1.10 times as large"]), [true, false]),
         (|case| case["pathology_ml"] = json!(2.1), [true, false]),

@@ -253,6 +253,8 @@ mod tests {
         let mut focused = at(1, 0.05);
         focused.controls.focus_m = 0.008;
         assert_eq!((good().admits(&at(1, 0.05)), good().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
+        let free = HardwareSample { from_window: WINDOW_ALL | WINDOW_HEAD_FREE, ..at(1, 0.05) };
+        assert_eq!(good().admits(&free), Ok(()), "the window's hand with a camera head that goes along with the scope");
         type Change = fn(&mut HardwareSample);
         let changes: [(Change, &str); 12] = [
             (|sample| sample.pose.position_m[1] = f32::NAN, "position_m"),

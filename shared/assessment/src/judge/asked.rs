@@ -98,7 +98,7 @@ impl Judge {
 fn is_waiting(aim: &Aim, state: &GoalState) -> bool {
     match aim {
         Aim::Stop { .. } => state.since_tick.is_none(),
-        Aim::Staunch { .. } => state.bled_tick.is_none(),
+        Aim::Staunch { .. } => state.bled_tick.is_none() && state.reached_tick.is_none(),
         _ => false,
     }
 }
