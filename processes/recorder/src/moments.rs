@@ -77,8 +77,8 @@ impl Moments {
         }
         self.decided = now;
         for (index, tick) in judge.told.iter().skip(self.told) {
-            let words = judge.brief.warnings.get(*index).map_or("", |warning| &warning.words);
-            moments.push((*tick, format!("warning: {words}")));
+            let warned = judge.brief.warnings.get(*index);
+            moments.extend(warned.map(|warned| (*tick, format!("{}: {}", warned.kind(), warned.words))));
         }
         self.told = judge.told.len();
         if let Some((by, tick)) = judge.ended

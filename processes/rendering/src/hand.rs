@@ -4,7 +4,7 @@
 //! Promise: the first record repeats where the scope is and how valves, pressure, light, focus and loop are set, so that a restarted window changes nothing;
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
-use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_CURRENT, WINDOW_HEAD, WINDOW_POSE};
+use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_CURRENT, WINDOW_HEAD, WINDOW_HEAD_FREE, WINDOW_POSE};
 use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTONS_CURRENT, HardwareSample, PointerRecord, Switch};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
@@ -42,9 +42,9 @@ impl Hand {
     /// The next record; `now` is what the hardware says of scope and controls, and what of them the window gives.
     pub fn follow(&mut self, input: &PointerInput, now: &HardwareSample) -> PointerRecord {
         let (scope, given) = (&now.pose, now.from_window);
-        // The head turns on the scope, and the scope in the head: both together are the horizon.
-        let horizon_rad = scope.camera_roll_rad + scope.roll_rad;
-        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m, horizon_rad];
+        // The head turns on the scope, and the scope in the head: both together are the horizon, which is kept unless the head goes along with the scope.
+        let kept_rad = if given & WINDOW_HEAD_FREE == 0 { scope.roll_rad } else { 0.0 };
+        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m, scope.camera_roll_rad + kept_rad];
         if self.record.sequence == 0 {
             (self.record.target, self.record.controls) = (at, now.controls);
         }
@@ -142,6 +142,20 @@ mod tests {
         assert!(farthest_rad < 1e-5, "{farthest_rad} rad");
         let next = Hand::default().follow(&PointerInput::default(), &turned(1.6));
         assert!((next.target[4] - 0.1).abs() < 1e-5, "{next:?}");
+    }
+
+    #[test]
+    fn a_head_that_goes_along_with_the_scope_stays_where_it_is_on_it_until_the_window_turns_it() {
+        let turned = |roll_rad: f32| {
+            let pose = Pose { roll_rad, camera_roll_rad: 0.1, ..now().pose };
+            HardwareSample { pose, from_window: WINDOW_ALL | WINDOW_HEAD_FREE, ..now() }
+        };
+        let mut hand = Hand::default();
+        let heads = (0..31).map(|step| hand.follow(&PointerInput::default(), &turned(step as f32 * 0.1)).target[4]);
+        let farthest_rad = heads.map(|head_rad| (head_rad - 0.1).abs()).fold(0.0, f32::max);
+        assert!(farthest_rad < 1e-6, "{farthest_rad} rad");
+        let back = hand.follow(&PointerInput { head_rad: -0.2, ..PointerInput::default() }, &turned(3.0));
+        assert!((back.target[4] + 0.1).abs() < 1e-6, "{back:?}");
     }
 
     #[test]

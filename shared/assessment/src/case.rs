@@ -31,7 +31,9 @@ impl Judge {
                 "state": if state.reached_tick.is_some() { "reached" } else if state.missed_tick.is_some() { "missed" } else { "open" },
                 "called_for": self.is_called_for(index),
                 "called_off": self.is_called_off(index),
+                "waits_for_blood": self.waits_for_blood(index),
                 "progress": state.progress,
+                "weight": goal.weight,
                 "at_s": at_s(state.reached_tick.or(state.missed_tick)),
             })
         });
@@ -39,6 +41,7 @@ impl Judge {
             let times = self.told.iter().filter(|(told, _)| *told == index).take(MOST_TIMES);
             json!({
                 "words": plain(&warning.words),
+                "is_notice": warning.is_notice(),
                 "stands": state.stands && self.ended.is_none(),
                 "count": state.count,
                 "at_s": times.map(|(_, tick)| self.since_start_s(*tick)).collect::<Vec<f64>>(),
@@ -83,12 +86,19 @@ impl Judge {
         let pairs = || self.brief.goals.iter().zip(&self.goals).enumerate();
         let called_for = pairs().find(|(index, (_, state))| is_open(state) && self.is_called_for(*index));
         let next = called_for.or_else(|| pairs().find(|(_, (_, state))| is_open(state) && !self.is_to_stop()));
-        lines.extend(next.into_iter().flat_map(|(_, (goal, state))| {
-            let share = if state.progress > 0.0 { format!("{:.0} %: ", 100.0 * state.progress) } else { String::new() };
+        lines.extend(next.into_iter().flat_map(|(index, (goal, state))| {
+            let share = match state.progress {
+                _ if self.waits_for_blood(index) => "no blood yet: ".to_owned(),
+                progress if progress > 0.0 => format!("{:.0} %: ", 100.0 * progress),
+                _ => String::new(),
+            };
             beside("next", &format!("{share}{}", goal.words))
         }));
         let standing = self.brief.warnings.iter().zip(&self.warnings).filter(|(_, state)| state.stands);
-        lines.extend(standing.take(STRIP_WARNINGS).flat_map(|(warning, _)| beside("WARNING", &warning.words)));
+        lines.extend(standing.take(STRIP_WARNINGS).flat_map(|(warned, _)| {
+            let head = if warned.is_notice() { "NOTICE" } else { "WARNING" };
+            beside(head, &warned.words)
+        }));
         lines
     }
 
@@ -108,12 +118,13 @@ impl Judge {
 
     /// Goals: words, state in words, and a class for the page.
     fn goal_lines(&self) -> Vec<(String, String, &'static str)> {
-        let line = |(index, (goal, state)): (usize, (&hyst_scene::Named<hyst_scene::Aim>, &crate::judge::GoalState))| {
+        let line = |(index, (goal, state)): (usize, (&hyst_scene::Asked, &crate::judge::GoalState))| {
             let (told, class) = match (state.reached_tick, state.missed_tick) {
                 (Some(tick), _) => (format!("reached at {:.1} s", self.since_start_s(tick)), "reached"),
                 (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),
                 (None, None) if self.is_called_off(index) => ("not called for any more".into(), ""),
                 (None, None) if !self.is_called_for(index) => ("not called for".into(), ""),
+                (None, None) if self.waits_for_blood(index) => ("not reached: it has not bled".into(), "warning"),
                 (None, None) => (format!("not reached ({:.0} % of it)", 100.0 * state.progress), "warning"),
             };
             (plain(&goal.words), told, class)
@@ -121,10 +132,10 @@ impl Judge {
         self.brief.goals.iter().zip(&self.goals).enumerate().map(line).collect()
     }
 
-    /// Warnings that fell: words, and when.
-    fn warning_lines(&self) -> Vec<(String, String)> {
+    /// Warnings and notices that fell: which of them it is, words, and when.
+    fn warning_lines(&self) -> Vec<(&'static str, String, String)> {
         let fallen = self.brief.warnings.iter().zip(&self.warnings).enumerate().filter(|(_, (_, state))| state.count > 0);
-        let line = |(index, (warning, state)): (usize, (&hyst_scene::Named<hyst_scene::Cause>, &crate::judge::WarningState))| {
+        let line = |(index, (warning, state)): (usize, (&hyst_scene::Warned, &crate::judge::WarningState))| {
             let first_s = self.since_start_s(state.first_tick.unwrap_or(0));
             let last =
                 self.told.iter().rev().find(|(told, _)| *told == index).map_or(first_s, |(_, tick)| self.since_start_s(*tick));
@@ -133,7 +144,7 @@ impl Judge {
             } else {
                 format!("{} times, from {first_s:.1} s to {last:.1} s", state.count)
             };
-            (plain(&warning.words), when)
+            (warning.kind(), plain(&warning.words), when)
         };
         fallen.map(line).collect()
     }
@@ -179,8 +190,8 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
     let _ = writeln!(out, "  ended {}", judge.ended_line());
     let warnings = judge.warning_lines();
     out.push_str(if warnings.is_empty() { "  no warnings\n" } else { "" });
-    for (words, when) in warnings {
-        let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("warning: {words}"), 60));
+    for (kind, words, when) in warnings {
+        let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("{kind}: {words}"), 60));
     }
 }
 
@@ -212,8 +223,8 @@ pub(crate) fn html(page: &mut String, judge: &Judge) {
     if warnings.is_empty() {
         page.push_str("<dt>warnings</dt><dd>none</dd>\n");
     }
-    for (words, when) in warnings {
-        let _ = writeln!(page, "<dt>warning</dt><dd class=\"warning\">{}: {}</dd>", escape(&words), escape(&when));
+    for (kind, words, when) in warnings {
+        let _ = writeln!(page, "<dt>{kind}</dt><dd class=\"{kind}\">{}: {}</dd>", escape(&words), escape(&when));
     }
     page.push_str("</dl></section>\n");
 }

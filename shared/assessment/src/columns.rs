@@ -5,6 +5,7 @@ use crate::markup::plain;
 use crate::metric::{Scores, scores};
 use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::Level;
+use hyst_scene::{Aim, Brief, Cause};
 
 /// One recording.
 #[derive(Clone, Debug)]
@@ -62,28 +63,41 @@ impl Column {
         self.assessment.session.get(name).map(|value| plain(value))
     }
 
-    /// The case and what its anatomy was drawn from, to be said after its file; nothing of a session without one.
-    pub(crate) fn drawn(&self) -> String {
-        let brief = self.assessment.measured.judge.as_ref().map(|judge| &judge.brief);
-        brief.map_or_else(String::new, |brief| format!(", {}, seed {}", plain(&brief.name), brief.seed))
+    /// The case, if there is one.
+    fn brief(&self) -> Option<&Brief> {
+        self.assessment.measured.judge.as_ref().map(|judge| &judge.brief)
     }
 
-    /// Whether another session was in the same anatomy, wherever the file of it lay: of the same case the one that the same seed draws, else the same
+    /// The case and what its anatomy was drawn from, to be said after its file; nothing of a session without one.
+    pub(crate) fn drawn(&self) -> String {
+        self.brief().map_or_else(String::new, |brief| format!(", {}, seed {}", plain(&brief.name), brief.seed))
+    }
+
+    /// Whether another session was in the same anatomy, wherever the file of it lay: of the same case what the same seed has drawn the same, else the same
     /// scene.
     pub(crate) fn is_of_same_anatomy(&self, other: &Column) -> bool {
-        let of_case = |column: &Column| {
-            let brief = column.assessment.measured.judge.as_ref().map(|judge| &judge.brief);
-            brief.map(|brief| (brief.name.clone(), brief.seed))
-        };
-        match (of_case(self), of_case(other)) {
+        match (self.brief(), other.brief()) {
             (None, None) => self.fact("scene_hash") == other.fact("scene_hash"),
-            (own, others) => own == others,
+            (own, others) => own.map(anatomy) == others.map(anatomy),
+        }
+    }
+
+    /// Whether another session was judged by the same: goals, ends, warnings, weights and scales of its case, however they are worded, or no case.
+    pub(crate) fn is_judged_alike(&self, other: &Column) -> bool {
+        match (self.brief(), other.brief()) {
+            (None, None) => true,
+            (Some(own), Some(others)) => are_judged_alike(own, others),
+            _ => false,
         }
     }
 
     /// What is said of a session that is compared with another one of which the figures are not of the same thing.
     pub(crate) fn mark_beside(&self, reported: &Column) -> &'static str {
-        if self.is_of_same_anatomy(reported) { "" } else { ", of another case, seed or scene" }
+        match (self.is_of_same_anatomy(reported), self.is_judged_alike(reported)) {
+            (false, _) => ", of another case, seed or scene",
+            (true, false) => ", judged by other goals, ends, warnings or weights",
+            (true, true) => "",
+        }
     }
 
     /// Who, where, how long.
@@ -144,12 +158,12 @@ impl Column {
             ("ticks that came again or late, left out", conduct.repeated.to_string()),
             ("largest step of the force", step),
             ("takeovers of a role", conduct.takeovers.to_string()),
-            ("changes of the servo that is followed", conduct.servo_changes.to_string()),
+            ("changes of the servo whose force is felt", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
-            ("flaws of the flow, mended", mended),
-            ("flaws of the flow, as before", kept),
-            ("flaws of the flow, as they were", as_they_were),
-            ("flaws of the flow, of ports and walls", of_walls),
+            ("flaws of the computed flow: mended", mended),
+            ("flaws of the computed flow: as before", kept),
+            ("flaws of the computed flow: left as they were", as_they_were),
+            ("flaws of the computed flow: ports and walls", of_walls),
         ]
     }
 
@@ -158,6 +172,24 @@ impl Column {
         let [alarms, further] = counts_in_words(&PUMP_ALARMS, &self.assessment.measured.medium.alarms);
         vec![("alarms of the pump", alarms), ("further alarms and notices of the pump", further)]
     }
+}
+
+/// What was drawn for a case: its name and seed, what is told of that, and how much pathology there is, ml. Another build may draw otherwise.
+fn anatomy(brief: &Brief) -> (&str, u32, &[String], f64) {
+    (brief.name.as_str(), brief.seed, brief.drawn.as_slice(), brief.pathology_ml)
+}
+
+fn are_judged_alike(own: &Brief, other: &Brief) -> bool {
+    let is_same = own.end == other.end && own.score == other.score;
+    is_same && aims(own).eq(aims(other)) && causes(own).eq(causes(other))
+}
+
+fn aims(brief: &Brief) -> impl Iterator<Item = (&Aim, f64)> {
+    brief.goals.iter().map(|goal| (&goal.is, goal.weight))
+}
+
+fn causes(brief: &Brief) -> impl Iterator<Item = (&Cause, bool)> {
+    brief.warnings.iter().map(|warned| (&warned.is, warned.is_notice()))
 }
 
 /// Counts with their names, in two halves: in one line they are too wide for the text.

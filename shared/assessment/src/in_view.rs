@@ -1,6 +1,7 @@
-//! Whether the pathology was in view while it was worked on: in the ticks with current, in all ticks of a session without any. In view is what the lens points
-//! at, as of a landmark (`sight`): the middle of the pathology that is nearest to the tip, where the seed has drawn it, in the picture, near enough and with
-//! light. Whether the loop itself is in the picture is not asked: loop and optic are fixed to the scope, so that lies in its make and not in how it is held.
+//! Whether the pathology was in view while it was worked on: in the ticks with current, in all ticks of a session with less than a second of it. In view is
+//! what the lens points at, as of a landmark (`sight`): the middle of the pathology that is nearest to the tip, where the seed has drawn it, in the picture,
+//! near enough and with light. Whether the loop itself is in the picture is not asked: loop and optic are fixed to the scope, so that lies in its make and not
+//! in how it is held.
 
 use crate::force::length;
 use crate::motion::{difference, finite};
@@ -10,6 +11,9 @@ use hyst_scene::Brief;
 
 /// Most pathologies that are looked for in each tick: a scene has no more objects.
 const MOST: usize = 64;
+
+/// With less current than this nothing was worked on, ticks: a tap on the pedal (assumption; a chip takes two to three seconds).
+const WORK_TICKS: u64 = 1_000;
 
 /// Ticks so far, of those whose pose is known, in a case with a pathology.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,11 +44,11 @@ impl InView {
         self.energised_seen_ticks += u64::from(is_energised && is_seen);
     }
 
-    /// Ticks in view, and the ticks of which they are a part: those with current, if there are any.
+    /// Ticks in view, and the ticks of which they are a part: those with current, if there are enough.
     pub fn counted(&self) -> (u64, u64) {
-        match self.energised_ticks {
-            0 => (self.seen_ticks, self.ticks),
-            energised_ticks => (self.energised_seen_ticks, energised_ticks),
+        if self.energised_ticks < WORK_TICKS {
+            return (self.seen_ticks, self.ticks);
         }
+        (self.energised_seen_ticks, self.energised_ticks)
     }
 }

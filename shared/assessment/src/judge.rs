@@ -2,12 +2,14 @@
 //! statuses of fluid and tissue), computed incrementally, so that the operator's page says of a session that runs what the report says of its recording.
 //!
 //! Who is told to stop is asked for nothing else any more: a `stop` that was called for takes the place of the goals that are still open, whatever comes of
-//! it, because a procedure is broken off there. So a session ends with its goals where all are reached that were called for, and there are some.
+//! it, because a procedure is broken off there. So a session ends with its goals where all are reached that were called for, and there are some (`asked`).
 //!
 //! Its time counts from when the hand first moves (`begin`); what was reached, and what fell, before that has been all the same.
 //!
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
 //! nothing; a status holds for a second, then nothing is known of what it said.
+
+mod asked;
 
 use crate::begin::Begin;
 use crate::bleeding::Bleeding;
@@ -46,6 +48,9 @@ pub struct GoalState {
     /// Of each landmark since when it is looked at, and whether it was for long enough.
     #[serde(default)]
     looks: Vec<(Option<u64>, bool)>,
+    /// When as much had bled as a bleeding to be staunched has to begin with.
+    #[serde(default)]
+    bled_tick: Option<u64>,
 }
 
 /// A warning so far.
@@ -194,55 +199,6 @@ impl Judge {
         self.ended = self.end().map(|by| (by, record.tick));
     }
 
-    /// Percent of the pathology that is removed; `None` without any, or as long as nothing is known.
-    pub fn removed_percent(&self) -> Option<f64> {
-        let of_ml = Some(self.brief.pathology_ml).filter(|ml| *ml > 0.0)?;
-        Some((100.0 * self.removed_ml? / of_ml).clamp(0.0, 100.0))
-    }
-
-    /// Whether a goal was called for. To stop after something is nobody's goal who did not bring that about, and who did has no other one that is open.
-    pub fn is_called_for(&self, index: usize) -> bool {
-        let (Some(goal), Some(state)) = (self.brief.goals.get(index), self.goals.get(index)) else { return false };
-        match goal.is {
-            Aim::Stop { .. } => state.since_tick.is_some(),
-            _ => state.reached_tick.is_some() || !self.is_to_stop(),
-        }
-    }
-
-    /// Whether a goal was called for and is not any more: something has called for a stop, which takes the place of those that are open.
-    pub(crate) fn is_called_off(&self, index: usize) -> bool {
-        let is_stop = self.brief.goals.get(index).is_none_or(|goal| matches!(goal.is, Aim::Stop { .. }));
-        !is_stop && !self.is_called_for(index)
-    }
-
-    /// Whether something has called for a stop.
-    pub(crate) fn is_to_stop(&self) -> bool {
-        let mut goals = self.brief.goals.iter().zip(&self.goals);
-        goals.any(|(goal, state)| matches!(goal.is, Aim::Stop { .. }) && state.since_tick.is_some())
-    }
-
-    /// How many goals of those that were called for are reached, and how many those are.
-    pub(crate) fn tally(&self) -> (usize, usize) {
-        let called_for = || self.goals.iter().enumerate().filter(|(index, _)| self.is_called_for(*index));
-        (called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count(), called_for().count())
-    }
-
-    /// Percent of the goals that were called for which are reached; `None` if none was.
-    pub fn reached_percent(&self) -> Option<f64> {
-        let (reached, of) = self.tally();
-        (of > 0).then(|| 100.0 * reached as f64 / of as f64)
-    }
-
-    /// Percent of the landmarks that the case names which were looked at; `None` without any.
-    pub fn landmarks_percent(&self) -> Option<f64> {
-        let counts = self.brief.goals.iter().zip(&self.goals).filter_map(|(goal, state)| match &goal.is {
-            Aim::Look { landmarks, .. } => Some((state.places, landmarks.len())),
-            _ => None,
-        });
-        let (seen, all) = counts.fold((0, 0), |(seen, all), (more, of)| (seen + more, all + of));
-        Some(all).filter(|all| *all > 0).map(|all| 100.0 * seen as f64 / all as f64)
-    }
-
     /// What is known of the cavity at a tick.
     fn known(&self, tick: u64) -> Cavity {
         self.cavity.filter(|cavity| tick.saturating_sub(cavity.tick) <= HOLD_TICKS).unwrap_or_default()
@@ -261,6 +217,12 @@ impl Judge {
             Cause::Current => controls.has_current(),
             Cause::CurrentIn(region) => controls.has_current() && is_at(&region, record, f64::from(controls.loop_extension_m)),
         }
+    }
+
+    /// How often warnings fell that count: those that are no notices.
+    pub fn warning_count(&self) -> u64 {
+        let fell = self.brief.warnings.iter().zip(&self.warnings).filter(|(warned, _)| !warned.is_notice());
+        fell.map(|(_, state)| state.count).sum()
     }
 
     fn warn(&mut self, index: usize, is_cause: bool, tick: u64) {
@@ -326,6 +288,7 @@ impl Judge {
             }
             Aim::Staunch { after_ml, below_ml_min, ticks } => {
                 let is_bleeding = known.bled_ml.is_some_and(|ml| ml >= *after_ml);
+                goal.bled_tick = goal.bled_tick.or(Some(tick).filter(|_| is_bleeding));
                 let is_slow = self.bled.rate_ml_min().is_some_and(|rate_ml_min| rate_ml_min <= *below_ml_min);
                 goal.hold(is_bleeding && is_slow, tick, *ticks)
             }

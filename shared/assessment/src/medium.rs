@@ -5,6 +5,7 @@ use crate::bleeding::Bleeding;
 use crate::clarity::Clarity;
 use crate::conduct::Peak;
 use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
+use hyst_scene::Alarm;
 use std::collections::VecDeque;
 
 /// Pascal per millimetre of mercury.
@@ -98,6 +99,12 @@ impl Medium {
     pub fn alarm_count(&self) -> u64 {
         let counts = PUMP_ALARMS.iter().zip(&self.alarms);
         counts.filter(|((bit, _), _)| bit & PUMP_NOTICES == 0).map(|(_, count)| count).sum()
+    }
+
+    /// How often the pump said that the wall is pierced.
+    pub fn perforation_count(&self) -> u64 {
+        let counts = PUMP_ALARMS.iter().zip(&self.alarms);
+        counts.filter(|((_, name), _)| *name == Alarm::Perforation.name()).map(|(_, count)| count).sum()
     }
 
     /// The newest status.

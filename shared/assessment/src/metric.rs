@@ -57,6 +57,16 @@ impl Scale {
     }
 }
 
+/// A scale of the table.
+pub(crate) const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
+    Some(Scale { full, none, weight })
+}
+
+/// Part of a whole, %; `None` of nothing.
+pub(crate) fn share(part: u64, whole: u64) -> Option<f64> {
+    (whole > 0).then_some(100.0 * part as f64 / whole as f64)
+}
+
 /// A metric as the table has it.
 #[derive(Debug)]
 pub struct Definition {
@@ -87,7 +97,8 @@ pub struct Metric {
     pub scale: Option<Scale>,
     /// Where the scale comes from, or why there is none.
     pub source: &'static str,
-    /// The score, %; `None` without a value, or if it is only shown. Of a metric in [`OF_THE_TASK`] it is the scale's times the share that was done.
+    /// The score, %; `None` without a value, if it is only shown, and of the time of a session that was broken off. Of a metric in [`OF_THE_TASK`] it is the
+    /// scale's times the share that was done.
     pub score: Option<f64>,
 }
 
@@ -100,19 +111,25 @@ pub struct Scores {
     pub groups: [Option<f64>; Group::ALL.len()],
     /// Weighted mean of all scores, %, times the mean of 1 and the share that was done: at most half of all is for who has done nothing.
     pub total: Option<f64>,
-    /// Share of the goals that were called for which were reached, 0 to 1; 1 without a case, and where none was called for.
+    /// Share that was done of what the goals that were called for ask for, 0 to 1; 1 without a case, and where none was called for.
     pub done: f64,
 }
 
+/// The metric that has no score where a session was broken off: nobody knows how long the rest would have taken.
+const OF_A_WHOLE: &str = "time";
+
 /// Values and scores of what was measured, with the weights and scales of its case. A metric without a value weighs nothing.
 pub fn scores(measured: &Measured) -> Scores {
-    let done = measured.judge.as_ref().and_then(Judge::reached_percent).map_or(1.0, |percent| percent / 100.0);
+    let judge = measured.judge.as_ref();
+    let done = judge.and_then(Judge::done_percent).map_or(1.0, |percent| percent / 100.0);
+    let is_broken_off = judge.is_some_and(Judge::is_broken_off);
     let metric = |definition: &'static Definition| {
         let value = (definition.value)(measured).filter(|value| value.is_finite());
-        let case = measured.judge.as_ref().and_then(|judge| judge.brief.score.get(definition.key));
+        let case = judge.and_then(|judge| judge.brief.score.get(definition.key));
         let scale = case.map_or(definition.scale, |case| of_case(case, definition.scale));
         let counts = if OF_THE_TASK.contains(&definition.key) { done } else { 1.0 };
-        let score = scale.zip(value).map(|(scale, value)| counts * scale.score(value));
+        let is_scored = definition.key != OF_A_WHOLE || !is_broken_off;
+        let score = scale.zip(value).filter(|_| is_scored).map(|(scale, value)| counts * scale.score(value));
         let source = if case.is_some() { OF_CASE } else { definition.source };
         Metric { definition, value, scale, source, score }
     };

@@ -2,6 +2,9 @@
 //!
 //! A path is measured in strides: what moves less than a stride from where the last one ended is taken for the noise of the encoders, which
 //! at 1 kHz would add up to metres. A straight path is exact to one stride. Where ticks are missing the straight way counts, a lower bound.
+//!
+//! How the camera head was held is told only of who held it: not where the station keeps the horizon level however the scope turns, as the simulated device
+//! does for whoever turns it, and not where the scope was not turned, so that there was nothing to keep. Both are seen by what the two angles do.
 
 use crate::force::length;
 use hyst_messages::HardwareSample;
@@ -11,6 +14,14 @@ use std::f64::consts::{PI, TAU};
 const STRIDE_M: f64 = 1e-4;
 /// A stride of the camera head, half a degree (assumption).
 const STRIDE_RAD: f64 = PI / 360.0;
+/// The scope turns about its axis in a tick in which it does so by this, rad: 6 degrees a second (assumption).
+const TURNING_RAD: f64 = 1e-4;
+/// The horizon stands still in such a tick where it turns by less than this share of that: two hands do not make up for each other so well.
+const LEVEL_SHARE: f64 = 0.02;
+/// With so large a share of such ticks the head is held level by something that is no hand (assumption).
+const LEVELLED_SHARE: f64 = 0.1;
+/// The scope was turned where that was by so much in all, rad: by as much as the usual optic looks aside.
+const TURNED_RAD: f64 = PI / 6.0;
 /// A tip that is slower than this rests: it takes a second for 1 mm (assumption).
 const IDLE_M_S: f64 = 1e-3;
 
@@ -23,6 +34,12 @@ pub struct Motion {
     high_m: [f64; 3],
     path_m: f64,
     turned_rad: f64,
+    /// Roll and horizon in the tick before, rad.
+    rolled_from_rad: Option<[f64; 2]>,
+    /// By how much the scope was turned in all, rad; the ticks in which it was, and of them those in which the horizon stood still.
+    rolled_rad: f64,
+    rolling_ticks: u64,
+    level_ticks: u64,
     tilt_sum_rad: f64,
     tilt_ticks: u64,
     speed_sum_m_s: f64,
@@ -42,6 +59,7 @@ impl Motion {
         let head_rad = f64::from(pose.roll_rad) + f64::from(pose.camera_roll_rad);
         if head_rad.is_finite() {
             self.turn(head_rad);
+            self.roll(f64::from(pose.roll_rad), head_rad);
         }
         if let Some(velocity_m_s) = finite(sample.velocity_m_s) {
             let speed_m_s = length(velocity_m_s);
@@ -76,6 +94,21 @@ impl Motion {
         }
     }
 
+    fn roll(&mut self, roll_rad: f64, head_rad: f64) {
+        let Some([roll_from_rad, head_from_rad]) = self.rolled_from_rad.replace([roll_rad, head_rad]) else { return };
+        let rolled_rad = wrapped(roll_rad - roll_from_rad).abs();
+        if rolled_rad >= TURNING_RAD {
+            self.rolled_rad += rolled_rad;
+            self.rolling_ticks += 1;
+            self.level_ticks += u64::from(wrapped(head_rad - head_from_rad).abs() < LEVEL_SHARE * rolled_rad);
+        }
+    }
+
+    /// Whether the camera head was held by a hand that had a horizon to keep.
+    fn is_head_held(&self) -> bool {
+        self.rolled_rad >= TURNED_RAD && (self.level_ticks as f64) < LEVELLED_SHARE * self.rolling_ticks as f64
+    }
+
     /// Path of the tip, m; `None` without a pose.
     pub fn path_m(&self) -> Option<f64> {
         self.stride_from_m.map(|_| self.path_m)
@@ -86,14 +119,14 @@ impl Motion {
         (self.path_m > 0.0).then(|| length(difference(self.high_m, self.low_m)) / self.path_m)
     }
 
-    /// Angle by which the camera head was turned in all, rad.
+    /// Angle by which the camera head was turned in all, rad; `None` where nobody held it.
     pub fn turned_rad(&self) -> Option<f64> {
-        self.stride_from_rad.map(|_| self.turned_rad)
+        self.is_head_held().then_some(self.turned_rad)
     }
 
-    /// Mean angle of the camera head to the upright, rad.
+    /// Mean angle of the camera head to the upright, rad; `None` where nobody held it.
     pub fn tilt_rad(&self) -> Option<f64> {
-        (self.tilt_ticks > 0).then_some(self.tilt_sum_rad / self.tilt_ticks as f64)
+        self.is_head_held().then(|| self.tilt_sum_rad / self.tilt_ticks as f64)
     }
 
     /// Mean speed of the tip, m/s.
@@ -157,17 +190,43 @@ mod tests {
         assert_eq!((motion.path_m(), motion.economy()), (Some(0.0), None));
     }
 
+    /// A scope that turns by so much in each tick, from 0 on, in a head that turns by so much of that against it.
+    fn turning(by_rad: f32, against: f32, ticks: usize) -> Motion {
+        let mut motion = Motion::default();
+        for tick in 0..=ticks {
+            let mut sample = at([0.0; 3], tick as f32 * by_rad);
+            sample.pose.camera_roll_rad = -against * sample.pose.roll_rad;
+            motion.tick(&sample);
+        }
+        motion
+    }
+
     #[test]
-    fn the_camera_head_turns_the_short_way_and_against_the_scope_too() {
-        let mut motion = Motion::default();
-        motion.tick(&at([0.0; 3], 3.0));
-        motion.tick(&at([0.0; 3], -3.0)); // over π
-        assert!((motion.turned_rad().unwrap() - (TAU - 6.0)).abs() < 1e-6);
-        let mut still = at([0.0; 3], 0.5);
-        still.pose.camera_roll_rad = -0.5;
-        let mut motion = Motion::default();
-        (0..5).for_each(|_| motion.tick(&still));
-        assert_eq!((motion.turned_rad(), motion.tilt_rad()), (Some(0.0), Some(0.0)));
+    fn a_head_that_turns_with_the_scope_tilts_the_horizon_and_the_short_way_counts() {
+        let mut motion = turning(0.002, 0.0, 1_000); // to 2 rad
+        assert!((motion.turned_rad().unwrap() - 2.0).abs() < 0.01 && (motion.tilt_rad().unwrap() - 1.0).abs() < 1e-3);
+        let before_rad = motion.turned_rad().unwrap();
+        [3.0, -3.0].iter().for_each(|roll_rad| motion.tick(&at([0.0; 3], *roll_rad))); // over π
+        assert!((motion.turned_rad().unwrap() - before_rad - (1.0 + TAU - 6.0)).abs() < 0.01, "{motion:?}");
+        let held = turning(0.002, 0.9, 1_000); // a hand that makes up for nine tenths
+        assert!((held.turned_rad().unwrap() - 0.2).abs() < 0.01 && (held.tilt_rad().unwrap() - 0.1).abs() < 1e-3, "{held:?}");
+    }
+
+    /// Who never touched the camera head had the best score for it.
+    #[test]
+    fn of_a_head_that_is_held_level_for_the_hand_and_of_a_scope_that_is_not_turned_nothing_is_told() {
+        let untold = [turning(0.002, 1.0, 1_000), turning(0.002, 0.0, 200), turning(0.0, 0.0, 1_000)];
+        for motion in &untold {
+            assert_eq!((motion.turned_rad(), motion.tilt_rad()), (None, None), "{motion:?}");
+        }
+        // Somebody turns the level head by a quarter on the way.
+        let mut turned = turning(0.002, 1.0, 1_000);
+        for tick in 0..1_000 {
+            let mut sample = at([0.0; 3], 2.0);
+            sample.pose.camera_roll_rad = -2.0 + 0.0015 * tick as f32;
+            turned.tick(&sample);
+        }
+        assert_eq!((turned.turned_rad(), turned.tilt_rad()), (None, None));
     }
 
     #[test]

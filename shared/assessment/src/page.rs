@@ -84,8 +84,10 @@ fn tiles(page: &mut String, column: &Column) {
     if let Some((reached, of)) = column.assessment.measured.judge.as_ref().map(Judge::tally) {
         let _ = writeln!(page, "<div class=\"tile\"><b>{reached} of {of}</b><span>Goals reached</span></div>");
     }
-    let groups = Group::ALL.into_iter().zip(column.scores.groups).map(|(group, score)| (group.name(), score));
-    for (name, score) in std::iter::once(("All", column.scores.total)).chain(groups) {
+    let done = column.scores.done;
+    let all = if done < 1.0 { format!("All, × {:.2} for the goals", (1.0 + done) / 2.0) } else { "All".to_owned() };
+    let groups = Group::ALL.into_iter().zip(column.scores.groups).map(|(group, score)| (group.name().to_owned(), score));
+    for (name, score) in std::iter::once((all, column.scores.total)).chain(groups) {
         let _ = writeln!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span></div>", percent(score));
     }
     page.push_str("</div>\n");
@@ -252,7 +254,8 @@ fn origin(page: &mut String) {
     page.push_str(
         "</ul>\n<p class=\"note\">Groups after Bajka et al. 2010, with the task of the case. A score goes linearly from 100 % to 0 % between the two values beside it and counts by its \
          weight; what was not recorded weighs nothing. Where a case called for goals, the scores of time, path, economy and turning of the camera head \
-         are multiplied by the share of them that was reached, and the score of all by the mean of that share and 1: who does nothing is not good at it. \
+         are multiplied by the share of them that was done, each by its weight, and the score of all by the mean of that share and 1: who does nothing is \
+         not good at it. The time of a session that was broken off before its goals or its end has no score. \
          Everything is computed from the recording alone, the same each time. This is no certificate: \
          a range that is marked as assumed is a guess until a course has set its own.</p></section>\n",
     );

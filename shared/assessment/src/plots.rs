@@ -203,8 +203,11 @@ fn of_session(measured: &Measured) -> Vec<Mark> {
     if let Some(judge) = &measured.judge {
         let goals = judge.brief.goals.iter().zip(&judge.goals);
         marks.extend(goals.filter_map(|(goal, state)| Some((state.reached_tick?, "goal", format!("reached: {}", goal.words)))));
-        let warning = |index: usize| judge.brief.warnings.get(index).map_or("", |warning| warning.words.as_str());
-        marks.extend(judge.told.iter().map(|(index, tick)| (*tick, "warned", format!("warning: {}", warning(*index)))));
+        let warned = |(index, tick): &(usize, u64)| {
+            let warned = judge.brief.warnings.get(*index)?;
+            Some((*tick, "warned", format!("{}: {}", warned.kind(), warned.words)))
+        };
+        marks.extend(judge.told.iter().filter_map(warned));
     }
     let alarm = |index: usize| PUMP_ALARMS.get(index).map_or("", |(_, name)| *name);
     marks.extend(measured.medium.told.iter().map(|(index, tick)| (*tick, "alarm", format!("the pump: {}", alarm(*index)))));

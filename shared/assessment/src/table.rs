@@ -4,16 +4,17 @@ use crate::clarity::CLEAR_SHARE;
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
 use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
-use crate::metric::{Definition, Group, Scale};
+use crate::metric::{Definition, Group, scale, share};
 
 const ASSUMED: &str = "assumed";
+const HEAD_HELD: &str = "assumed; nothing where the scope is not turned, or the head is kept level for it";
 const SHOWN: &str = "shown, not scored: it depends on the case";
 
 /// The defaults. The groups, and that path length, time and camera alignment separate novices from experts best (so they weigh 2), are Bajka et al. 2010.
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 40] = [
+pub static METRICS: [Definition; 41] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -93,7 +94,7 @@ pub static METRICS: [Definition; 40] = [
         unit: "%",
         scale: scale(90.0, 30.0, 2.0),
         value: |m| share(m.in_view.counted().0, m.in_view.counted().1),
-        source: "in the picture, within 25 mm; without current of the whole time; shares assumed",
+        source: "in the picture, within 25 mm; of less than 1 s of current the whole time; shares assumed",
     },
     Definition {
         group: Group::Ergonomics,
@@ -116,11 +117,11 @@ pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Ergonomics,
         key: "economy",
-        name: "economy: extent of the path by its length",
+        name: "economy: what the path spans, by its length",
         unit: "%",
-        scale: scale(20.0, 2.0, 1.0),
+        scale: scale(8.4, 1.4, 1.0),
         value: |m| m.motion.economy().map(|economy| 100.0 * economy),
-        source: ASSUMED,
+        source: "of 42 mm, what a way through the cavity spans, by the two paths: assumed",
     },
     Definition {
         group: Group::Ergonomics,
@@ -156,7 +157,7 @@ pub static METRICS: [Definition; 40] = [
         unit: "°",
         scale: scale(180.0, 1_440.0, 1.0),
         value: |m| m.motion.turned_rad().map(f64::to_degrees),
-        source: ASSUMED,
+        source: HEAD_HELD,
     },
     Definition {
         group: Group::Ergonomics,
@@ -165,7 +166,7 @@ pub static METRICS: [Definition; 40] = [
         unit: "°",
         scale: scale(10.0, 45.0, 2.0),
         value: |m| m.motion.tilt_rad().map(f64::to_degrees),
-        source: ASSUMED,
+        source: HEAD_HELD,
     },
     Definition {
         group: Group::Safety,
@@ -188,7 +189,7 @@ pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Safety,
         key: "force_p95",
-        name: "force that 95 % of the time does not exceed",
+        name: "force exceeded for 5 % of the time at most",
         unit: "N",
         scale: scale(0.5, 2.0, 2.0),
         value: |m| m.force.percentile_n(0.95),
@@ -205,6 +206,15 @@ pub static METRICS: [Definition; 40] = [
     },
     Definition {
         group: Group::Safety,
+        key: "perforations",
+        name: "alarms of a perforation of the wall",
+        unit: "",
+        scale: scale(0.0, 1.0, 4.0),
+        value: |m| m.medium.newest().map(|_| m.medium.perforation_count() as f64),
+        source: "one is one too many; weight assumed",
+    },
+    Definition {
+        group: Group::Safety,
         key: "energised",
         name: "time with the current that cuts in the loop",
         unit: "s",
@@ -215,7 +225,7 @@ pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Safety,
         key: "energised_free",
-        name: "of it while nothing was touched or cut",
+        name: "cutting current with nothing touched or cut",
         unit: "%",
         scale: scale(20.0, 80.0, 2.0),
         value: |m| share(m.electrode.free_ticks, m.electrode.energised_ticks),
@@ -233,7 +243,7 @@ pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Safety,
         key: "cuts",
-        name: "sweeps of the loop that cut",
+        name: "strokes of the loop that cut",
         unit: "",
         scale: None,
         value: |m| m.tissue.map(|status| f64::from(status.cuts)),
@@ -350,10 +360,10 @@ pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Task,
         key: "goals",
-        name: "goals of the case that were reached",
+        name: "goals of the case, by what they weigh",
         unit: "%",
         scale: scale(100.0, 0.0, 3.0),
-        value: |m| m.judge.as_ref().and_then(Judge::reached_percent),
+        value: |m| m.judge.as_ref().and_then(Judge::done_percent),
         source: ASSUMED,
     },
     Definition {
@@ -371,8 +381,8 @@ pub static METRICS: [Definition; 40] = [
         name: "warnings of the case",
         unit: "",
         scale: scale(0.0, 5.0, 1.0),
-        value: |m| m.judge.as_ref().map(|judge| judge.warnings.iter().map(|warning| warning.count).sum::<u64>() as f64),
-        source: ASSUMED,
+        value: |m| m.judge.as_ref().map(|judge| judge.warning_count() as f64),
+        source: "assumed; notices, and that time has passed, count in none",
     },
 ];
 
@@ -383,12 +393,3 @@ pub const OF_THE_TASK: [&str; 4] = ["time", "path", "economy", "camera_turned"];
 const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
 const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
 const _: () = assert!(BLEEDS_ML_MIN == 1.0 && CLEAR_SHARE == 0.5);
-
-const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
-    Some(Scale { full, none, weight })
-}
-
-/// Part of a whole, %; `None` of nothing.
-fn share(part: u64, whole: u64) -> Option<f64> {
-    (whole > 0).then_some(100.0 * part as f64 / whole as f64)
-}

@@ -73,8 +73,9 @@ fn table(text: &mut String, sessions: &Sessions) {
     earlier(text, sessions, |column| percent(column.scores.total));
     if sessions.reported.scores.done < 1.0 {
         let share = percent(Some(100.0 * sessions.reported.scores.done));
-        let _ = writeln!(text, "  {share} of the goals that were called for were reached: of the scores of time, path, economy");
-        text.push_str("  and turning that share counts, and of all the mean of it and 100 %.\n");
+        let _ =
+            writeln!(text, "  {share} of what the goals ask for was done: of the scores of time, path, economy and turning that");
+        text.push_str("  share counts, and of all the mean of it and 100 %.\n");
     }
 }
 

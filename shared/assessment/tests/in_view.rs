@@ -1,4 +1,4 @@
-//! Whether the pathology was in view: of the time under current, of all time without any, and nothing where there is none, or no pose.
+//! Whether the pathology was in view: of the time under current, of all time with less than a second of it, and nothing where there is none, or no pose.
 #![allow(missing_docs)]
 
 #[allow(dead_code)] // each test file uses its part
@@ -22,9 +22,12 @@ const AWAY: Done = (true, false);
 const CUTS: Done = (false, true);
 const CUTS_AWAY: Done = (true, true);
 
-/// Ticks, so many of each.
+/// Ticks of a tenth of a second.
+const TENTH: usize = 100;
+
+/// Ticks, so many tenths of a second of each.
 fn ticks(story: &[(Done, usize)]) -> Vec<AppliedRecord> {
-    let done = story.iter().flat_map(|(done, count)| std::iter::repeat_n(*done, *count));
+    let done = story.iter().flat_map(|(done, tenths)| std::iter::repeat_n(*done, TENTH * tenths));
     let tick = |(tick, (is_turned, is_energised)): (u64, Done)| {
         let mut record = record(tick, [0.0, 0.0, 0.035], 0.0);
         if is_turned {
@@ -71,14 +74,22 @@ fn with_current_the_time_under_current_counts_and_without_any_the_whole_time() {
     assert_eq!((scored.value, scored.score), (Some(60.0), Some(50.0)), "it is scored where no case says otherwise");
 }
 
+/// One tick of current with the pathology in view was as good as a session in which it was never lost.
+#[test]
+fn a_tap_on_the_pedal_is_no_work_of_which_alone_the_view_counts() {
+    // The session begins with the current.
+    assert_eq!(value("tap", &[POLYP_M], ticks(&[(AWAY, 1), (CUTS, 9), (AWAY, 27)])), Some(25.0));
+    assert_eq!(value("work", &[POLYP_M], ticks(&[(AWAY, 1), (CUTS, 10), (AWAY, 27)])), Some(100.0));
+}
+
 #[test]
 fn who_is_turned_away_too_far_off_or_in_the_dark_has_nothing_in_view() {
     assert_eq!(value("away", &[POLYP_M], ticks(&[(CUTS_AWAY, 10)])), Some(0.0));
     assert_eq!(value("far", &[[0.0, 0.016, 0.065]], ticks(&[(CUTS, 10)])), Some(0.0));
-    // The session begins with the second tick, when the light is changed.
+    // The session begins after the first tenth, when the light is changed.
     let mut dark = ticks(&[(SEEN, 1), (CUTS, 10)]);
-    dark[0].sample.controls.light = 0.5;
-    dark[1..6].iter_mut().for_each(|record| record.sample.controls.light = 0.0);
+    dark[..TENTH].iter_mut().for_each(|record| record.sample.controls.light = 0.5);
+    dark[TENTH..6 * TENTH].iter_mut().for_each(|record| record.sample.controls.light = 0.0);
     assert_eq!(value("dark", &[POLYP_M], dark), Some(50.0));
 }
 
@@ -100,9 +111,9 @@ fn without_a_pathology_or_in_a_recording_of_before_it_was_noted_there_is_no_valu
 #[test]
 fn a_pose_that_is_no_number_is_left_out() {
     let mut some = ticks(&[(CUTS, 30), (CUTS_AWAY, 10)]);
-    some[..10].iter_mut().for_each(|record| record.sample.pose.position_m[1] = f32::NAN);
-    some[10..20].iter_mut().for_each(|record| record.sample.pose.orientation[0] = f32::INFINITY);
-    assert_eq!(value("some", &[POLYP_M], some), Some(50.0), "10 in view and 10 turned away are left");
+    some[..10 * TENTH].iter_mut().for_each(|record| record.sample.pose.position_m[1] = f32::NAN);
+    some[10 * TENTH..20 * TENTH].iter_mut().for_each(|record| record.sample.pose.orientation[0] = f32::INFINITY);
+    assert_eq!(value("some", &[POLYP_M], some), Some(50.0), "a second in view and one turned away are left");
     let mut all = ticks(&[(CUTS, 10)]);
     all.iter_mut().for_each(|record| record.sample.pose.position_m = [f32::NAN; 3]);
     assert_eq!(value("all", &[POLYP_M], all), None);

@@ -99,7 +99,7 @@ fn what_is_removed_and_the_largest_piece_are_those_of_the_statuses() {
     }
     let reached: Vec<Option<u64>> = judge.goals.iter().map(|goal| goal.reached_tick).collect();
     assert_eq!(reached, [Some(40), Some(40)], "pieces of 0.3, 0.3 and 0.5 ml");
-    assert_eq!((judge.removed_percent(), judge.reached_percent(), judge.ended), (Some(55.00000000000001), Some(100.0), None));
+    assert_eq!((judge.removed_percent(), judge.done_percent(), judge.ended), (Some(55.00000000000001), Some(100.0), None));
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
     early.tick(&shut(0, false));
     assert_eq!(early.goals[0].reached_tick, None, "nothing has called for it");
     assert_eq!(
-        (early.reached_percent(), &early.json()["goals"][0]["called_for"]),
+        (early.done_percent(), &early.json()["goals"][0]["called_for"]),
         (None, &json!(false)),
         "who made none is not judged by it"
     );
@@ -140,7 +140,7 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
     assert_eq!(early.goals[0].reached_tick, None, "the current is on");
     early.tick(&shut(101, false));
     assert_eq!(early.goals[0].reached_tick, Some(101));
-    assert_eq!((early.reached_percent(), &early.json()["goals"][0]["called_for"]), (Some(100.0), &json!(true)));
+    assert_eq!((early.done_percent(), &early.json()["goals"][0]["called_for"]), (Some(100.0), &json!(true)));
     assert_eq!(early.over().unwrap(), "after 0.1 s: all goals were reached; 1 of 1 goals reached");
     let mut quiet = judge(stop.clone(), json!({ "time_s": 0.5 }), json!([]));
     wait(&mut quiet, 0..600);
@@ -152,7 +152,7 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
     wait(&mut late, 10..212);
     late.tick(&shut(212, false));
     assert_eq!((late.goals[0].reached_tick, late.goals[0].missed_tick), (None, Some(211)), "called for at 10");
-    assert_eq!(late.reached_percent(), Some(0.0));
+    assert_eq!(late.done_percent(), Some(0.0));
     assert_eq!(late.ended, None);
 }
 
@@ -184,7 +184,7 @@ fn who_never_has_to_stop_ends_with_the_rest_and_who_has_to_is_asked_for_nothing_
     goes_on.tissue(&tissue(100, 1, 1.2));
     wait(&mut goes_on, 100..300);
     let reached = goes_on.goals.iter().filter_map(|goal| goal.reached_tick).count();
-    assert_eq!((goes_on.reached_percent(), reached, goes_on.ended), (Some(0.0), 0, None), "to resect after it mends nothing");
+    assert_eq!((goes_on.done_percent(), reached, goes_on.ended), (Some(0.0), 0, None), "to resect after it mends nothing");
     assert!(!goes_on.strip().iter().any(|line| line.starts_with("next")), "{:?}", goes_on.strip());
     let called_off = |judge: &Judge| [0_usize, 1].map(|goal| judge.json()["goals"][goal]["called_off"].as_bool());
     assert_eq!([&careful, &goes_on].map(called_off), [[Some(false); 2], [Some(false), Some(true)]], "a stop is none");
@@ -203,6 +203,37 @@ fn a_bleeding_is_staunched_once_it_has_bled_and_does_so_slowly_for_long_enough()
     // Over the second before 4900 to 4950 it bled below 6 ml/min: 0.1 ml, then less.
     let reached = judge.goals[0].reached_tick.unwrap();
     assert!((5_900..=5_950).contains(&reached), "{reached}");
+}
+
+/// Who raises the pressure before the cut makes no bleeding to be staunched.
+#[test]
+fn a_bleeding_that_was_prevented_is_waited_for_and_is_nobodys_goal_after_twenty_seconds() {
+    let goals = json!([{ "piece": 0.4 }, { "staunch": { "after_ml": 0.2, "below_ml_min": 1.0, "ticks": 1_000 } }]);
+    let cut = || {
+        let mut judge = judge(goals.clone(), json!({}), json!([]));
+        judge.tissue(&tissue(0, 1, 0.0));
+        wait(&mut judge, 0..10);
+        judge.tissue(&tissue(10, 1, 0.5));
+        wait(&mut judge, 10..15_000);
+        assert_eq!((judge.goals[0].reached_tick, judge.ended, judge.done_percent()), (Some(10), None, Some(50.0)));
+        assert_eq!(judge.strip()[..2], ["goals    1 of 2", "next     no blood yet: number 1"]);
+        judge
+    };
+    let mut prevented = cut();
+    wait(&mut prevented, 15_000..20_010);
+    assert_eq!((prevented.ended, &prevented.json()["goals"][1]["waits_for_blood"]), (None, &json!(true)));
+    wait(&mut prevented, 20_010..30_000);
+    assert_eq!((prevented.ended, prevented.done_percent()), (Some((EndedBy::Goals, 20_010)), Some(100.0)));
+    assert_eq!(prevented.over().unwrap(), "after 20.0 s: all goals were reached; 1 of 1 goals reached, 1 not called for");
+    let told = prevented.json();
+    let goal = &told["goals"][1];
+    assert_eq!([&goal["called_for"], &goal["called_off"]], [&json!(false), &json!(false)], "nothing has taken its place");
+
+    let mut bleeds = cut();
+    bleeds.fluid(&fluid(15_000, 60.0, 2.5)); // a quarter of a millilitre
+    wait(&mut bleeds, 15_000..40_000);
+    assert_eq!((bleeds.ended, bleeds.done_percent()), (None, Some(50.0)), "what has bled is to be staunched");
+    assert_eq!(bleeds.strip()[1], "next     number 1");
 }
 
 #[test]
@@ -294,6 +325,23 @@ fn a_warning_that_flickers_is_one_and_comes_again_after_a_second_of_calm() {
     assert_eq!(counts, [2, 1, 1, 0]);
     assert_eq!(judge.told, [(0, 0), (1, 0), (2, 10), (0, 3_000)]);
     assert!(!judge.warnings[0].stands, "it is over since 4001");
+}
+
+#[test]
+fn a_notice_and_that_time_has_passed_are_told_and_count_in_no_score() {
+    let causes = json!([{ "time_above": 100 }, { "deficit_above": 10.0 }, { "deficit_above": 20.0 }]);
+    let mut judge = judge(json!([{ "removed": 1.0 }]), json!({}), causes);
+    judge.brief.warnings[1].notice = true;
+    judge.fluid(&fluid(100, 60.0, 30.0));
+    wait(&mut judge, 100..400);
+    assert_eq!(judge.warnings.iter().map(|warning| warning.count).collect::<Vec<u64>>(), [1, 1, 1]);
+    assert_eq!(judge.warning_count(), 1);
+    let told = judge.json();
+    assert_eq!(
+        [0_usize, 1, 2].map(|index| told["warnings"][index]["is_notice"].as_bool()),
+        [Some(true), Some(true), Some(false)]
+    );
+    assert!(judge.strip().iter().any(|line| line == "NOTICE   number 0"), "{:?}", judge.strip());
 }
 
 #[test]

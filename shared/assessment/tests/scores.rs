@@ -64,9 +64,10 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
         [("idle", idle()), ("good", at_work())].map(|(name, blocks)| recorded(name, &[("case", case.as_str())], &blocks));
     let [of_idle, of_good] = [&idle, &good].map(|assessment| scores(&assessment.measured));
     assert_eq!((of_idle.done, of_good.done), (0.0, 1.0));
-    for key in ["time", "path", "camera_turned"] {
-        assert_eq!((score(&of_idle, key), score(&of_good, key)), (Some(0.0), Some(100.0)), "{key}: it was quick and short");
-    }
+    assert_eq!((score(&of_idle, "path"), score(&of_good, "path")), (Some(0.0), Some(100.0)), "it was short");
+    assert_eq!((score(&of_idle, "time"), score(&of_good, "time")), (None, Some(100.0)), "it was broken off");
+    // The hand that does something turns the scope by 33 degrees, and the horizon with it.
+    assert_eq!((score(&of_idle, "camera_turned"), score(&of_good, "camera_turned")), (None, Some(100.0)));
     assert_eq!(score(&of_idle, "force_peak"), Some(100.0), "who does nothing hurts nobody");
     let [none, all] = [&of_idle, &of_good].map(|scores| scores.total.unwrap());
     assert!((none - 0.5 * mean(&of_idle)).abs() < 1e-9 && (all - mean(&of_good)).abs() < 1e-9, "{none} {all}");
@@ -74,19 +75,44 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
 
     let sessions = Sessions::new("idle.mcap", idle);
     let (told, report) = (text(&sessions), json(&sessions));
-    assert!(told.contains("  0 % of the goals that were called for were reached"), "{told}");
+    assert!(told.contains("  0 % of what the goals ask for was done"), "{told}");
     assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
-    assert!(html(&sessions).contains("multiplied by the share of them that was reached"));
-    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(3), Some(0.0)));
+    let page = html(&sessions);
+    assert!(
+        page.contains("multiplied by the share of them that was done") && page.contains("<span>All, × 0.50 for the goals</span>")
+    );
+    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(4), Some(0.0)));
     let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
     assert_eq!((&metric("time")["times_goals_share"], &metric("deficit")["times_goals_share"]), (&json!(true), &json!(false)));
 }
 
+/// A case whose second goal is another one, and weighs otherwise.
+fn case_with(second: Value, weight: f64) -> String {
+    let mut case: Value = serde_json::from_str(&case(&[0.05, 9.0], 3)).unwrap();
+    case["goals"][1] = json!({ "words": "the rest", "is": second, "weight": weight });
+    case.to_string()
+}
+
 #[test]
-fn half_of_the_goals_are_half_of_the_time_and_three_quarters_of_all() {
-    let scores = scores(&recorded("half", &[("case", case(&[0.05, 9.0], 3).as_str())], &at_work()).measured);
-    assert_eq!((scores.done, score(&scores, "time"), score(&scores, "goals")), (0.5, Some(50.0), Some(50.0)));
+fn half_of_the_goals_are_half_of_the_path_and_three_quarters_of_all() {
+    let case = case_with(json!({ "piece": 9.0 }), 1.0);
+    let scores = scores(&recorded("half", &[("case", case.as_str())], &at_work()).measured);
+    assert_eq!((scores.done, score(&scores, "path"), score(&scores, "goals")), (0.5, Some(50.0), Some(50.0)));
     assert!((scores.total.unwrap() - 0.75 * mean(&scores)).abs() < 1e-9, "{:?}", scores.total);
+    assert_eq!(score(&scores, "time"), None, "nobody knows how long the rest would have taken");
+}
+
+/// To quit after the chip was better than to have resected nearly all.
+#[test]
+fn goals_count_by_their_weights_and_what_is_removed_as_far_as_it_has_come() {
+    // 0.28 ml in the end, half of what the second goal wants.
+    let case = case_with(json!({ "removed": 0.56 }), 3.0);
+    let sessions = Sessions::new("a.mcap", recorded("weights", &[("case", case.as_str())], &at_work()));
+    let report = json(&sessions);
+    assert!((report["goals_share"].as_f64().unwrap() - (1.0 + 3.0 * 0.5) / 4.0).abs() < 1e-9, "{}", report["goals_share"]);
+    let goal = &report["case"]["goals"][1];
+    assert_eq!((goal["weight"].as_f64(), goal["state"].as_str()), (Some(3.0), Some("open")));
+    assert!(html(&sessions).contains("<b>1 of 2</b><span>Goals reached</span>"));
 }
 
 #[test]
@@ -131,6 +157,45 @@ fn a_session_with_another_seed_of_the_same_case_is_marked_and_the_same_case_from
     let (page, told) = (html(&sessions), text(&sessions));
     for words in ["A polyp, seed 3", "A polyp, seed 7"] {
         assert!(page.contains(words) && told.contains(words), "{words}: {told}");
+    }
+}
+
+/// Whether an earlier session of a case that was changed since is marked as of another anatomy, and as judged by other goals.
+fn edited(change: fn(&mut Value)) -> [bool; 2] {
+    let before = case(&[0.1], 3);
+    let mut after: Value = serde_json::from_str(&before).unwrap();
+    change(&mut after);
+    let [reported, earlier] = [after.to_string(), before].map(|case| recorded("edited", &[("case", case.as_str())], &at_work()));
+    let mut sessions = Sessions::new("new.mcap", reported);
+    sessions.compare("old.mcap", earlier);
+    let (page, told, report) = (html(&sessions), text(&sessions), json(&sessions));
+    let marks = [
+        ("is_of_same_anatomy", "of another case, seed or scene"),
+        ("is_judged_alike", "judged by other goals, ends, warnings or weights"),
+    ];
+    let marked = marks.map(|(_, words)| page.contains(words));
+    assert_eq!(marked, marks.map(|(_, words)| told.contains(words)));
+    let [anatomy, judged] = marks.map(|(key, _)| report["compared"][0][key].as_bool() == Some(false));
+    assert_eq!(marked, [anatomy, judged && !anatomy], "the first says it already");
+    [anatomy, judged]
+}
+
+#[test]
+fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_marked() {
+    let changes: [(fn(&mut Value), [bool; 2]); 10] = [
+        (|_| {}, [false, false]),
+        (|case| case["goals"][0]["words"] = json!("take a tenth of a millilitre"), [false, false]),
+        (|case| case["goals"][0]["is"] = json!({ "removed": 0.2 }), [false, true]),
+        (|case| case["end"]["time_s"] = json!(50.0), [false, true]),
+        (|case| case["warnings"][0]["is"] = json!({ "bled_above": 0.2 }), [false, true]),
+        (|case| case["warnings"][0]["notice"] = json!(true), [false, true]),
+        (|case| case["goals"][0]["weight"] = json!(2.0), [false, true]),
+        (|case| case["score"] = json!({ "time": { "weight": 4.0 } }), [false, true]),
+        (|case| case["drawn"] = json!(["polyp: 1.10 times as large"]), [true, false]),
+        (|case| case["pathology_ml"] = json!(2.1), [true, false]),
+    ];
+    for (index, (change, marked)) in changes.into_iter().enumerate() {
+        assert_eq!(edited(change), marked, "change {index}");
     }
 }
 

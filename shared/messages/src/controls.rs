@@ -24,6 +24,8 @@ pub const WINDOW_FOCUS: u32 = 1 << 8;
 pub const WINDOW_COAGULATION: u32 = 1 << 9;
 /// All of them: the hand is the window's.
 pub const WINDOW_ALL: u32 = (1 << 10) - 1;
+/// Beside [`WINDOW_HEAD`]: the camera head goes along with the scope, so that what the window turns is how far it is turned on that, and not the horizon.
+pub const WINDOW_HEAD_FREE: u32 = 1 << 10;
 /// No set pressure is higher, Pa: more than any pump can make.
 pub const MOST_SET_PRESSURE_PA: f32 = 100_000.0;
 

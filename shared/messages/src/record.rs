@@ -96,7 +96,7 @@ pub struct HardwareSample {
     /// Buttons, valves, light and focus.
     pub controls: Controls,
     /// What of pose and controls comes from the window's keys and mouse because the device has nothing for it: bits of
-    /// [`WINDOW_ALL`](crate::controls::WINDOW_ALL); 0 if all of it is the device's own.
+    /// [`WINDOW_ALL`](crate::controls::WINDOW_ALL), and [`WINDOW_HEAD_FREE`](crate::controls::WINDOW_HEAD_FREE); 0 if all of it is the device's own.
     pub from_window: u32,
 }
 
@@ -357,7 +357,8 @@ pub struct LedgerEntry {
 pub struct PointerRecord {
     /// Counts records; a window that lives writes a hundred in a second, however slowly it draws.
     pub sequence: u64,
-    /// Target of pitch, yaw, roll (rad), insertion (m), and of the horizon: how far the camera head is turned on the scope and the scope itself, rad.
+    /// Target of pitch, yaw, roll (rad), insertion (m), and of the horizon: how far the camera head is turned on the scope and the scope itself, rad; with
+    /// [`WINDOW_HEAD_FREE`](crate::controls::WINDOW_HEAD_FREE) how far the head is on the scope.
     pub target: [f32; 5],
     /// Valves, buttons, pressure, light, focus.
     pub controls: Controls,

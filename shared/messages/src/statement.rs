@@ -3,7 +3,7 @@
 //!
 //! Promise: a statement that [`DeviceStatement::check`] lets pass has no number that is not finite, zero where that means nothing, or absurd.
 
-use crate::controls::{MOST_SET_PRESSURE_PA, WINDOW_ALL};
+use crate::controls::{MOST_SET_PRESSURE_PA, WINDOW_ALL, WINDOW_HEAD_FREE};
 use crate::record::HardwareSample;
 use bytemuck::{Pod, Zeroable};
 
@@ -163,7 +163,7 @@ impl DeviceStatement {
             ("set_pressure_pa", (0.0..=MOST_SET_PRESSURE_PA).contains(&controls.set_pressure_pa)),
             ("focus_m", controls.has_focus_in_range()),
             ("loop_extension_m", (-0.01..=0.1).contains(&controls.loop_extension_m)),
-            ("from_window", sample.from_window & !WINDOW_ALL == 0),
+            ("from_window", sample.from_window & !(WINDOW_ALL | WINDOW_HEAD_FREE) == 0),
         ];
         can_be.iter().find(|(_, can_be)| !can_be).map_or(Ok(()), |(what, _)| Err(*what))
     }
@@ -240,6 +240,8 @@ mod tests {
         let mut focused = at(1, 0.05);
         focused.controls.focus_m = 0.008;
         assert_eq!((stated().admits(&at(1, 0.05)), stated().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
+        let free = HardwareSample { from_window: WINDOW_ALL | WINDOW_HEAD_FREE, ..at(1, 0.05) };
+        assert_eq!(stated().admits(&free), Ok(()), "the window's hand with a camera head that goes along with the scope");
         type Change = fn(&mut HardwareSample);
         let changes: [(Change, &str); 12] = [
             (|sample| sample.pose.position_m[1] = f32::NAN, "position_m"),

@@ -15,11 +15,12 @@ mod metrics;
 mod reach;
 mod seat;
 mod vary;
+mod words;
 
-pub use brief::{Aim, Brief, Cause, Named, Region, Sight};
+pub use brief::{Aim, Asked, Brief, Cause, Named, Region, Sight, Warned};
 pub use file::{
-    Alarm, Biopsy, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey, Vary, Visit,
-    Warning,
+    Alarm, Biopsy, CameraHead, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey,
+    Vary, Visit, Warning,
 };
 pub use metrics::METRIC_KEYS;
 pub(crate) use seat::{Seat, Seats};
@@ -122,6 +123,7 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>, past: Past) -> 
     validate(&read.scene).map_err(|error| located(SceneError { key: "vary".into(), ..error }))?;
     let mut scene = read.load(&seats)?;
     scene.drawn.extend(drawn);
+    scene.is_head_free = case.rules.camera == CameraHead::Free;
     if past == Past::New {
         fits::playable_as_drawn(&case, &scene).map_err(located)?;
     }

@@ -142,8 +142,9 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &Seats) -> Resul
         insertion_m: workspace.insertion_m,
     };
     let (hands, rest) = hands::find(&scene, &objects, &probe, &mut notes);
+    let (origin, is_head_free) = (origin.to_owned(), false);
     let mut loaded =
-        LoadedScene { scene, origin: origin.to_owned(), objects, rigid, workspace, fluid, hands, rest, hash: 0, notes, drawn };
+        LoadedScene { scene, origin, objects, rigid, workspace, fluid, hands, rest, hash: 0, notes, drawn, is_head_free };
     loaded.hash = content_hash(&loaded);
     Ok(loaded)
 }

@@ -32,6 +32,8 @@ pub struct LoadedScene {
     pub notes: Vec<String>,
     /// What a case has drawn from its seed, one sentence each; nothing of a scene by itself.
     pub drawn: Vec<String>,
+    /// Whether the camera head goes along with a scope that somebody turns, as a case may have it; else the horizon is kept for everybody.
+    pub is_head_free: bool,
 }
 
 impl LoadedScene {

@@ -60,7 +60,7 @@ fn find(name: &str, text: &str) -> Result<(), SceneError> {
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
-const ALONE: [(&str, &str, Kind, usize, &str); 65] = [
+const ALONE: [(&str, &str, Kind, usize, &str); 67] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
     ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
@@ -91,6 +91,7 @@ const ALONE: [(&str, &str, Kind, usize, &str); 65] = [
     ("vessel_spacing_m = [0.003, 0.004]", "mirror = true", Kind::Syntax, 11, "vary[1].mirror"),
     ("vessel_spacing_m = [0.003, 0.004]", "mirror = [\"top\"]", Kind::UnknownKey, 11, "vary[1].mirror[0]"),
     ("medium = \"saline\"", "medium = \"milk\"", Kind::UnknownKey, 13, "rules.medium"),
+    ("medium = \"saline\"", "camera = \"loose\"", Kind::UnknownKey, 13, "rules.camera"),
     ("medium = \"saline\"", "max_pressure_pa = 0.0", Kind::Range, 13, "rules.max_pressure_pa"),
     ("medium = \"saline\"", "max_pressure_pa = 30000.0", Kind::Range, 13, "rules.max_pressure_pa"),
     ("medium = \"saline\"", "max_deficit_ml = 2501.0", Kind::Range, 13, "rules.max_deficit_ml"),
@@ -109,6 +110,7 @@ const ALONE: [(&str, &str, Kind, usize, &str); 65] = [
     ),
     ("percent = 50.0", "percent = 0.0", Kind::Range, 19, "goal[0].removed.percent"),
     ("percent = 50.0", "percent = 101.0", Kind::Range, 19, "goal[0].removed.percent"),
+    ("percent = 50.0 }", "percent = 50.0 }\nweight = 0.0", Kind::Range, 20, "goal[0].weight"),
     ("removed = { percent = 50.0 }\n", "", Kind::Incomplete, 18, "goal[0]"),
     ("removed = { percent = 50.0 }", "removed = { percent = 5.0 }\nvisit = { places = [] }", Kind::Range, 20, "goal[0].visit"),
     ("places = [\"middle\"]", "places = [\"top\"]", Kind::Name, 21, "goal[1].visit.places"),

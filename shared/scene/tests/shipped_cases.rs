@@ -1,7 +1,7 @@
 //! The cases that come with the station, and what their seeds draw: no two need be the same, and each is found again to the bit.
 #![allow(missing_docs)]
 
-use hyst_scene::{DeformableKind, LoadedScene, SettledCase, find_case, load};
+use hyst_scene::{Aim, DeformableKind, LoadedScene, SettledCase, find_case, load};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -119,12 +119,44 @@ fn the_surface_and_the_root_follow_the_tets_that_were_moved() {
     }
 }
 
+/// Who never touches the camera head has nothing to learn of it where the horizon is kept for him.
+#[test]
+fn from_navigation_on_the_camera_head_is_the_trainees_and_engines_know_it() {
+    let path = std::env::temp_dir().join(format!("hyst-{}-head.toml", std::process::id()));
+    let free = ["biopsy", "myoma", "navigation", "polyp", "retrieval", "septum"];
+    for name in names() {
+        let case = settled(&name, None);
+        std::fs::write(&path, &case.text).unwrap();
+        let by_an_engine = load(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let is_free = free.contains(&name.as_str());
+        assert_eq!((case.scene.is_head_free, by_an_engine.is_head_free), (is_free, is_free), "{name}");
+    }
+    assert!(!load(&folder().join("../scenes/default.toml")).unwrap().is_head_free, "a scene by itself keeps it");
+}
+
+/// The pump holds its set pressure from before anybody moves: half of the goals of `access` came by themselves.
+#[test]
+fn no_pressure_that_a_goal_asks_for_is_the_one_that_the_pump_begins_with() {
+    let mut asked = 0;
+    for name in names() {
+        let case = settled(&name, None);
+        let set_pa = f64::from(case.scene.fluid.set_pressure_pa);
+        for goal in &case.brief.goals {
+            let Aim::Pressure { band_pa: [from_pa, to_pa], .. } = goal.is else { continue };
+            assert!(!(from_pa..=to_pa).contains(&set_pa), "{name}: {}, and {set_pa} Pa are set", goal.words);
+            asked += 1;
+        }
+    }
+    assert!(asked >= 2, "{asked} goals ask for a pressure");
+}
+
 /// At 30 mmHg the walls are not as they are at 70.
 #[test]
 fn a_case_that_sets_another_pressure_has_the_walls_of_its_scene() {
     let home = load(&folder().join("../scenes/default.toml")).unwrap().fluid;
     assert_eq!(home.rest_pressure_pa, home.set_pressure_pa);
-    for name in ["distension", "bleeding"] {
+    for name in ["access", "distension", "bleeding"] {
         let fluid = settled(name, None).scene.fluid;
         assert_eq!(fluid.rest_pressure_pa, home.rest_pressure_pa, "{name}");
         assert!(fluid.set_pressure_pa < home.set_pressure_pa - 2_000.0, "{name}: {} Pa", fluid.set_pressure_pa);

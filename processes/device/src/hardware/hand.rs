@@ -8,7 +8,7 @@ use super::score::Score;
 use changes::Changes;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
-use hyst_messages::controls::{FOCUS_M, WINDOW_ALL, WINDOW_HEAD};
+use hyst_messages::controls::{FOCUS_M, WINDOW_ALL, WINDOW_HEAD, WINDOW_HEAD_FREE};
 use hyst_messages::{
     BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, BUTTONS_CURRENT, Controls, FluidStatus, HardwareSample, PointerRecord,
     Pose, StepRecord,
@@ -61,8 +61,10 @@ pub struct Hand {
     has_loop: bool,
     /// How far the camera head is turned on the scope, rad. The other hand holds it where the horizon is wanted, however the scope turns in it.
     head_rad: f32,
-    /// The horizon that is wanted: how far the head is turned in all, rad.
+    /// The horizon that is wanted: how far the head is turned in all, rad; of a head that is free how far it is on the scope.
     horizon_rad: f32,
+    /// The head goes along with the scope until it is turned on it. A script's horizon is kept for it.
+    is_head_free: bool,
     /// In a replay: the tick that [`Hand::again`] was asked for last is what it does.
     is_again: bool,
 }
@@ -174,7 +176,8 @@ impl Hand {
         let script = name.strip_prefix("script:").and_then(|name| scene.hand(name));
         let own = script.map(|hand| &hand.changes).filter(|changes| !changes.is_empty());
         let changes: &[PumpChange] = own.unwrap_or(&scene.fluid.changes);
-        let follows_script = !matches!(will, Will::Pointer | Will::Pad(_) | Will::Score(_));
+        let is_somebodys = matches!(will, Will::Pointer | Will::Pad(_));
+        let follows_script = !is_somebodys && !matches!(will, Will::Score(_));
         let instrument = scene.rigid.first();
         Ok(Hand {
             will,
@@ -191,6 +194,7 @@ impl Hand {
             has_loop: instrument.is_some_and(|rigid| rigid.electrode.is_some()),
             head_rad: -rest.roll_rad,
             horizon_rad: 0.0,
+            is_head_free: scene.is_head_free && is_somebodys,
             is_again: false,
         })
     }
@@ -233,11 +237,12 @@ impl Hand {
 
     /// What the window gives: everything, what a pad has nothing for, or nothing.
     fn given(&self) -> u32 {
-        match &self.will {
+        let given = match &self.will {
             Will::Pointer => WINDOW_ALL,
             Will::Pad(pad) => pad.lacks,
             _ => 0,
-        }
+        };
+        if self.is_head_free && given & WINDOW_HEAD != 0 { given | WINDOW_HEAD_FREE } else { given }
     }
 
     /// Sets what the pad has nothing for as the window's keys say; until there is a window it stays as it is.
@@ -252,9 +257,10 @@ impl Hand {
         }
     }
 
-    /// The other hand keeps the horizon where it is wanted.
+    /// The other hand keeps the horizon where it is wanted, or only turns the head on the scope.
     fn turn_head(&mut self) {
-        let head_rad = self.horizon_rad - self.state.pose.roll_rad;
+        let kept_rad = if self.is_head_free { 0.0 } else { self.state.pose.roll_rad };
+        let head_rad = self.horizon_rad - kept_rad;
         if head_rad.is_finite() {
             let most_rad = HEAD_SPEED_RAD_S * TICK_S;
             self.head_rad += (head_rad - self.head_rad).clamp(-most_rad, most_rad);

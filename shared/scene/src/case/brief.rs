@@ -8,7 +8,6 @@ use crate::fluid::Medium;
 use crate::loaded::{LoadedDeformable, LoadedScene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fmt;
 
 /// Pascal per millimetre of mercury, for words.
 const PA_PER_MMHG: f64 = 133.322;
@@ -64,11 +63,11 @@ pub struct Brief {
     #[serde(default)]
     pub pathology_sight: Sight,
     /// Goals, in the file's order.
-    pub goals: Vec<Named<Aim>>,
+    pub goals: Vec<Asked>,
     /// What ends the session.
     pub end: End,
     /// Warnings: those of the rules, then the file's.
-    pub warnings: Vec<Named<Cause>>,
+    pub warnings: Vec<Warned>,
     /// Weights and scales of metrics.
     pub score: BTreeMap<String, Score>,
 }
@@ -80,6 +79,34 @@ pub struct Named<T> {
     pub words: String,
     /// What it is.
     pub is: T,
+}
+
+/// A goal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    /// As the trainee reads it.
+    pub words: String,
+    /// What it asks for.
+    pub is: Aim,
+    /// What it counts beside the others; 1 in a recording of before they had weights.
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Something that is warned of, or only told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Warned {
+    /// As the trainee reads it.
+    pub words: String,
+    /// What calls for it.
+    pub is: Cause,
+    /// Whether the case has it as a notice; none in a recording of before there were any.
+    #[serde(default)]
+    pub notice: bool,
 }
 
 /// What a goal asks for.
@@ -176,16 +203,20 @@ pub enum Cause {
     CurrentIn(Region),
 }
 
-impl Alarm {
-    /// Its name, as the pump shows it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Alarm::Pressure => "pressure",
-            Alarm::Deficit => "deficit",
-            Alarm::AbnormalLoss => "abnormal loss",
-            Alarm::Perforation => "perforation",
-            Alarm::ContainerChange => "container change",
-        }
+impl Warned {
+    /// A warning of the rules.
+    fn of(words: String, is: Cause) -> Warned {
+        Warned { words, is, notice: false }
+    }
+
+    /// Whether it counts in no score: a notice, or that time has passed, which has a score of its own.
+    pub fn is_notice(&self) -> bool {
+        self.notice || matches!(self.is, Cause::TimeAbove(_))
+    }
+
+    /// What it is, in a word.
+    pub fn kind(&self) -> &'static str {
+        if self.is_notice() { "notice" } else { "warning" }
     }
 }
 
@@ -208,11 +239,11 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
     let pressure_pa = rules.max_pressure_pa.unwrap_or(MAX_PRESSURE_PA);
     let deficit_ml = rules.max_deficit_ml.unwrap_or(deficit_limit_ml(medium));
     let mut warnings = vec![
-        Named { words: format!("pressure above {:.0} mmHg", mmhg(pressure_pa)), is: Cause::PressureAbove(pressure_pa) },
-        Named { words: format!("more than {deficit_ml} ml of medium are missing"), is: Cause::DeficitAbove(deficit_ml) },
+        Warned::of(format!("pressure above {:.0} mmHg", mmhg(pressure_pa)), Cause::PressureAbove(pressure_pa)),
+        Warned::of(format!("more than {deficit_ml} ml of medium are missing"), Cause::DeficitAbove(deficit_ml)),
     ];
     if let Some([words, ..]) = misfit(rules.energy, medium) {
-        warnings.push(Named { words: words.to_owned(), is: Cause::Current });
+        warnings.push(Warned::of(words.to_owned(), Cause::Current));
     }
     warnings.extend(case.warning.iter().filter_map(|one| warning(one, case, scene)));
     Ok(Brief {
@@ -235,7 +266,7 @@ fn volume_ml(object: &LoadedDeformable) -> f64 {
     1e6 * hyst_mesh::check(&object.mesh).volume_m3
 }
 
-fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Named<Aim>, SceneError> {
+fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Asked, SceneError> {
     let (words, is) = if let Some(removed) = &goal.removed {
         let words = format!("remove {} % of the pathology", removed.percent);
         (words, Aim::Removed(pathology_ml * removed.percent / 100.0))
@@ -266,7 +297,7 @@ fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml
         let (after_ml, below_ml_min) = (staunch.after_ml, staunch.below_ml_min);
         (words, Aim::Staunch { after_ml, below_ml_min, ticks: ticks(staunch.for_s) })
     };
-    Ok(Named { words: goal.words.clone().unwrap_or(words), is })
+    Ok(Asked { words: goal.words.clone().unwrap_or(words), is, weight: goal.weight.unwrap_or(one()) })
 }
 
 /// What is seen in the inner half of the picture, no farther than so much, m. That is what is within half of the half angle of view: the lens draws that larger
@@ -331,7 +362,7 @@ fn trigger(stop: &Stop) -> (String, Cause) {
 }
 
 /// A warning that the checks have shown to have one condition.
-fn warning(warning: &Warning, case: &Case, scene: &LoadedScene) -> Option<Named<Cause>> {
+fn warning(warning: &Warning, case: &Case, scene: &LoadedScene) -> Option<Warned> {
     let made = [
         warning.pressure_above_pa.map(|pa| (format!("pressure above {:.0} mmHg", mmhg(pa)), Cause::PressureAbove(pa))),
         warning.pressure_below_pa.map(|pa| (format!("pressure below {:.0} mmHg", mmhg(pa)), Cause::PressureBelow(pa))),
@@ -343,30 +374,5 @@ fn warning(warning: &Warning, case: &Case, scene: &LoadedScene) -> Option<Named<
         warning.current_in.as_ref().map(|name| (format!("current in: {name}"), Cause::CurrentIn(region(case, name, scene).is))),
     ];
     let (words, is) = made.into_iter().flatten().next()?;
-    Some(Named { words: warning.words.clone().unwrap_or(words), is })
-}
-
-impl fmt::Display for Brief {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(out, "case: {}", self.task.trim().replace('\n', " "))?;
-        writeln!(out, "  seed {}, {:.3} ml of pathology", self.seed, self.pathology_ml)?;
-        self.drawn.iter().try_for_each(|drawn| writeln!(out, "  drawn: {drawn}"))?;
-        self.goals.iter().try_for_each(|goal| writeln!(out, "  goal: {}", goal.words))?;
-        self.end.words().iter().try_for_each(|end| writeln!(out, "  ends: {end}"))?;
-        self.warnings.iter().try_for_each(|warning| writeln!(out, "  warns: {}", warning.words))
-    }
-}
-
-impl End {
-    /// What ends the session, in words.
-    pub fn words(&self) -> Vec<String> {
-        let ends = [
-            self.goals.then(|| "all goals are reached".to_owned()),
-            self.time_s.map(|time_s| format!("after {time_s} s")),
-            self.deficit_ml.map(|ml| format!("at a deficit of {ml} ml")),
-            self.bled_ml.map(|ml| format!("at {ml} ml of blood")),
-            self.perforation.then(|| "when the wall is pierced".to_owned()),
-        ];
-        ends.into_iter().flatten().collect()
-    }
+    Some(Warned { words: warning.words.clone().unwrap_or(words), is, notice: warning.notice })
 }

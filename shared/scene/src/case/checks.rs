@@ -173,6 +173,7 @@ fn goal(case: &Case, goal: &Goal, key: &str) -> Checked {
         ],
     )?;
     let within = |name: &str, value: f64, low: f64, high: f64, unit: &str| range(format!("{key}.{name}"), value, low, high, unit);
+    within("weight", goal.weight.unwrap_or(1.0), 0.1, 100.0, "")?;
     if let Some(removed) = &goal.removed {
         within("removed.percent", removed.percent, 0.1, 100.0, "%")?;
     }

@@ -125,7 +125,19 @@ pub enum Energy {
     Monopolar,
 }
 
-/// Medium and energy, and how far pressure and deficit may go. Whoever goes further is warned.
+/// What the camera head does when the scope turns about its axis in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraHead {
+    /// The horizon is kept: the head stays upright by itself.
+    #[default]
+    Held,
+    /// It goes along with the scope, and the picture turns, until whoever has mouse, keys or pad turns it back. A script's horizon is kept, and a driver has a
+    /// camera head of its own, or one that is kept level.
+    Free,
+}
+
+/// Medium and energy, the camera head, and how far pressure and deficit may go. Whoever goes further is warned.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Rules {
@@ -133,6 +145,8 @@ pub struct Rules {
     pub medium: Option<Medium>,
     /// The current. Default: bipolar. Monopolar current in saline and bipolar current in any other medium are wrong: they are warned of, and no goal may need them.
     pub energy: Energy,
+    /// The camera head. Default: held.
+    pub camera: CameraHead,
     /// Set pressure of the pump at the beginning, 0 to 20 kPa. Default: the scene's.
     pub set_pressure_pa: Option<f64>,
     /// Highest pressure in the cavity, 1 to 20 kPa. Default: 13.3 kPa (100 mmHg), a mean arterial pressure.
@@ -159,7 +173,7 @@ pub struct Place {
     pub insertion_m: Option<[f64; 2]>,
 }
 
-/// What is to be reached: one of the tables below.
+/// What is to be reached: one of the tables below, and what it counts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Goal {
@@ -179,6 +193,8 @@ pub struct Goal {
     pub stop: Option<Stop>,
     /// A bleeding is staunched.
     pub staunch: Option<Staunch>,
+    /// What it counts beside the other goals, 0.1 to 100. Default: 1.
+    pub weight: Option<f64>,
 }
 
 /// So much of all pathology of the scene is removed: cut free, or burnt by the loop.
@@ -332,6 +348,9 @@ pub struct Warning {
     pub alarm: Option<Alarm>,
     /// There is current in the loop while the middle of its ring is in this place.
     pub current_in: Option<String>,
+    /// It is told, and counts in no score: who does all that is asked for comes to it, too. That time has passed counts in none anyway. Default: false.
+    #[serde(default)]
+    pub notice: bool,
 }
 
 /// How a metric is scored. What is missing is the report's default.

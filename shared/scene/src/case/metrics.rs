@@ -2,7 +2,7 @@
 
 /// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
 /// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 40] = [
+pub const METRIC_KEYS: [(&str, bool); 41] = [
     ("distended", true),
     ("dark", true),
     ("outflow_shut", true),
@@ -24,6 +24,7 @@ pub const METRIC_KEYS: [(&str, bool); 40] = [
     ("force_peak", true),
     ("force_p95", true),
     ("force_above_limit", true),
+    ("perforations", true),
     ("energised", false),
     ("energised_free", true),
     ("coagulated", false),

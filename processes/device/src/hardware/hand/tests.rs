@@ -142,6 +142,32 @@ fn the_horizon_stays_with_the_camera_head_however_the_scope_turns_in_it() {
     assert_eq!(hand.step(3_000, [0.0; 3], Some(&nowhere)).pose.camera_roll_rad, left.camera_roll_rad);
 }
 
+/// As a case has it: whoever turns the scope turns the picture, and brings the horizon back with the head; a script's horizon is kept.
+#[test]
+fn a_free_camera_head_goes_along_with_the_scope_until_it_is_turned_on_it() {
+    let mut scene = hyst_scene::load_embedded().unwrap();
+    scene.is_head_free = true;
+    let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
+    let post = PointerRecord { sequence: 1, target: [0.0, 0.0, 1.6, 0.04, 0.0], ..PointerRecord::default() };
+    let held = (0..3_000).map(|tick| hand.step(tick, [0.0; 3], Some(&post))).last().unwrap();
+    assert!((held.pose.roll_rad - 1.6).abs() < 0.05 && held.pose.camera_roll_rad.abs() < 1e-6, "{:?}", held.pose);
+    assert_eq!(held.from_window, WINDOW_ALL | WINDOW_HEAD_FREE);
+    let back = PointerRecord { target: [0.0, 0.0, 1.6, 0.04, -1.6], ..post };
+    let level = (3_000..4_000).map(|tick| hand.step(tick, [0.0; 3], Some(&back))).last().unwrap().pose;
+    assert!((level.camera_roll_rad + level.roll_rad).abs() < 0.05, "{level:?}");
+
+    let mut gamepad = Hand::in_scene(&scene, "idle", 0).unwrap();
+    (gamepad.will, gamepad.is_head_free) = (Will::Pad(Pad::default()), true);
+    assert_eq!(gamepad.step(0, [0.0; 3], None).from_window, 0, "it has its own buttons for the head");
+    let poses = |scene: &LoadedScene| {
+        let mut script = Hand::in_scene(scene, "script:polyp", 0).unwrap();
+        (0..8_000).map(|tick| script.step(tick, [0.0; 3], None).pose).collect::<Vec<Pose>>()
+    };
+    let free = poses(&scene);
+    scene.is_head_free = false;
+    assert!(free == poses(&scene), "a script's horizon is kept all the same");
+}
+
 #[test]
 fn the_focus_is_set_at_first_goes_as_the_pointer_says_and_stays_where_it_was_left() {
     let scene = hyst_scene::load_embedded().unwrap();
