@@ -189,6 +189,14 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// What follows `run` in the handbook's command for a class.
+fn class_command() -> String {
+    let handbook = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/handbook.md");
+    let text = std::fs::read_to_string(handbook).expect("the handbook");
+    let rest = text.split_once("ExecStart=/usr/bin/hystation --name service run ").expect("a command for a class").1;
+    rest.split_once('`').expect("its end").0.to_string()
+}
+
 /// One session follows the other, each in a file of its own.
 fn assert_class(manager: &Manager) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
@@ -196,8 +204,13 @@ fn assert_class(manager: &Manager) {
     let scene = assets.join("scenes/default.toml").display().to_string();
     let text = text.replace("time_s = 240.0", "time_s = 4.0").replace("../scenes/default.toml", &scene);
     let (case, folder) = (manager.folder.write("short.toml", &text), manager.folder.as_path().join("class"));
-    let record = format!("--until-end --set console_port=0 --set trainee=Anna --record {}/", folder.display());
-    manager.edit(&format!("{case} --hand script:press {record}"));
+    let place = format!("{}/", folder.display());
+    let mut command = class_command();
+    for (in_class, here) in [("polyp", case.as_str()), ("gamepad", "script:press"), ("/var/lib/hystation/", place.as_str())] {
+        assert!(command.contains(in_class), "{command} has no {in_class}");
+        command = command.replace(in_class, here);
+    }
+    manager.edit(&format!("{command} --set console_port=0 --set trainee=Anna"));
     let (code, _, said) = manager.inside("systemctl start hystation");
     assert_eq!(code, Some(0), "{said}\n{}", manager.inside("systemctl status hystation").1);
     // The third has begun: two are over.
@@ -233,12 +246,16 @@ fn assert_waits_for_room(manager: &Manager) {
 
 /// What is refused once is refused again, and is not tried.
 fn assert_refusal_ends(manager: &Manager) {
-    manager.edit("--record /proc/");
-    let (code, ..) = manager.inside("systemctl start hystation");
-    assert_ne!(code, Some(0), "nobody can record into /proc");
-    let failed = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "failed").then_some(()));
-    assert!(failed.is_some(), "{}", manager.inside("systemctl status hystation").1);
-    assert_eq!((manager.show("ExecMainStatus"), manager.show("NRestarts")), ("2".into(), "0".into()));
+    // Nobody can record into /proc; and a session is no script's because it is a service's, which has no window.
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/polyp.toml").display().to_string();
+    for command in ["--record /proc/", case.as_str()] {
+        manager.edit(command);
+        let (code, ..) = manager.inside("systemctl start hystation");
+        assert_ne!(code, Some(0), "{command} is refused");
+        let failed = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "failed").then_some(()));
+        assert!(failed.is_some(), "{command}: {}", manager.inside("systemctl status hystation").1);
+        assert_eq!((manager.show("ExecMainStatus"), manager.show("NRestarts")), ("2".into(), "0".into()), "{command}");
+    }
 }
 
 #[test]
