@@ -119,6 +119,10 @@ impl Station {
     pub fn build(&self) -> PathBuf {
         self.root.join("build")
     }
+    /// Where the scene has its pivot, for drivers, whose tips are about it: three floats, m. A place without a scene has none.
+    pub fn pivot(&self) -> PathBuf {
+        self.root.join("pivot")
+    }
     /// What the case is judged by, as JSON.
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")
