@@ -616,6 +616,14 @@ static inline hyst_pose hyst_pose_of(float pitch_rad, float yaw_rad, float roll_
     return pose;
 }
 
+/* The pose of a scope of which a device measures where the tip is, m about the pivot, and how it is turned about its axis: it goes through the pivot, and so
+ * pitch, yaw and insertion follow. Nearer to the pivot than 0.1 mm the tip has no direction, and the scope lies straight. */
+static inline hyst_pose hyst_pose_at(const float position_m[3], float roll_rad) {
+    double x = position_m[0], y = position_m[1], z = position_m[2], aside = sqrt(x * x + z * z), away = sqrt(aside * aside + y * y);
+    int is_away = away > 1e-4;
+    return hyst_pose_of(is_away ? (float)atan2(-y, aside) : 0.0f, is_away ? (float)atan2(x, z) : 0.0f, roll_rad, (float)away);
+}
+
 /* The station stops. */
 static inline int hyst_end(hyst_driver *driver) {
     hyst_set_state(driver, 4);

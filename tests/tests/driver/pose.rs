@@ -6,6 +6,7 @@ use hyst_recording::Recording;
 use hyst_scene::Pose;
 use station_tests::{Folder, hystation, run};
 use std::path::Path;
+use std::process::Command;
 
 /// A driver that gives the same sample twice.
 const GIVES: &str = r#"#define _GNU_SOURCE
@@ -23,11 +24,62 @@ int main(int argc, char **argv) {
 }
 "#;
 
+/// A driver that says which poses it makes of the tips at some points, with a roll.
+const MAKES: &str = r#"#define _GNU_SOURCE
+#include "hystation_driver.h"
+int main(void) {
+    static const float points_m[][3] = {POINTS};
+    for (size_t i = 0; i < sizeof points_m / sizeof *points_m; i++) {
+        hyst_pose it = hyst_pose_at(points_m[i], ROLL);
+        printf("%.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g\n", it.position_m[0], it.position_m[1], it.position_m[2], it.pitch_rad, it.yaw_rad,
+               it.roll_rad, it.insertion_m, it.orientation[0], it.orientation[1], it.orientation[2], it.orientation[3]);
+    }
+    return 0;
+}
+"#;
+const ROLL_RAD: f32 = 0.3;
+/// Straight ahead, to each side, far off the axis, deep, and at the pivot.
+const POINTS_M: [[f32; 3]; 8] = [
+    [0.0, 0.0, 0.045],
+    [0.01, 0.0, 0.045],
+    [-0.01, 0.0, 0.045],
+    [0.0, 0.01, 0.045],
+    [0.0, -0.01, 0.045],
+    [0.03, -0.02, 0.01],
+    [0.05, 0.02, 0.4],
+    [0.0, 0.0, 0.0],
+];
+
 /// How far two points may be apart by rounding, m.
 const ROUNDING_M: f32 = 1e-6;
+/// And two angles, rad, or parts of a unit quaternion.
+const ROUNDING: f32 = 1e-5;
 
 fn is_near(found_m: [f32; 3], wanted_m: [f32; 3]) -> bool {
     found_m.iter().zip(wanted_m).all(|(found, wanted)| (found - wanted).abs() < ROUNDING_M)
+}
+
+#[test]
+fn the_header_makes_of_where_a_tip_is_the_pose_of_a_scope_through_the_pivot() {
+    let folder = Folder::new("driver-pose");
+    let row = |point_m: [f32; 3]| format!("{{{}}}", point_m.map(|c| format!("{c:?}f")).join(", "));
+    let source =
+        MAKES.replace("{POINTS}", &format!("{{{}}}", POINTS_M.map(row).join(", "))).replace("ROLL", &format!("{ROLL_RAD:?}f"));
+    let program = compile(&folder, "makes", Path::new(&folder.write("makes.c", &source)), &[]);
+    let (code, out, said) = run(&mut Command::new(program));
+    assert_eq!((code, out.lines().count()), (Some(0), POINTS_M.len()), "{out}{said}");
+    for (point_m, line) in POINTS_M.into_iter().zip(out.lines()) {
+        let found: Vec<f32> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
+        // At the pivot itself a tip has no direction.
+        let aimed = Pose::aim([0.0; 3], point_m).unwrap_or_default();
+        let wanted = Pose { roll_rad: ROLL_RAD, ..aimed };
+        let [x, y, z] = wanted.tip_m([0.0; 3]);
+        let [qx, qy, qz, qw] = wanted.orientation();
+        let all = [x, y, z, wanted.pitch_rad, wanted.yaw_rad, ROLL_RAD, wanted.insertion_m, qx, qy, qz, qw];
+        let is_it = found.len() == all.len() && found.iter().zip(all).all(|(found, wanted)| (found - wanted).abs() < ROUNDING);
+        assert!(is_it, "{point_m:?}: {found:?} is not {all:?}");
+        assert!(is_near([found[0], found[1], found[2]], point_m), "{point_m:?}: {found:?}");
+    }
 }
 
 #[test]
