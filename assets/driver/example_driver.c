@@ -6,7 +6,7 @@
  *     hystation conformance driver ./example_driver
  *     hystation run --driver ./example_driver
  *
- * -DFLAW=1 to 13 makes one that does wrong, to see that it is found.
+ * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
 #include "hystation_driver.h"
@@ -22,7 +22,7 @@
 #endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
-    STATES_NOTHING, FOCUSES_IN_MM
+    STATES_NOTHING, FOCUSES_IN_MM, PUSHES_BACK, SWAPS_AXES, SPEAKS_MM_S
 };
 
 static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity, where the device's own origin is */
@@ -80,6 +80,14 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
         if (FLAW == NEVER_LETS_GO && driver->silent_ticks == 0) kept_n[i] = force_n[i];
         float made_n = FLAW == NEVER_LETS_GO ? kept_n[i] : force_n[i];
         force_n[i] = sample->force_n[i] = is_mute ? 0.0f : FLAW == MAKES_TWICE ? 2.0f * made_n : made_n;
+        if (FLAW == PUSHES_BACK) force_n[i] = -force_n[i]; /* and its ledger has what it was told */
+        if (FLAW == SPEAKS_MM_S) sample->velocity_m_s[i] *= 1000.0f;
+    }
+    if (FLAW == SWAPS_AXES) {
+        const float *at_m = sample->pose.position_m, *goes_m_s = sample->velocity_m_s;
+        const float swapped_m[3] = {at_m[1], at_m[0], at_m[2]}, swapped_m_s[3] = {goes_m_s[1], goes_m_s[0], goes_m_s[2]};
+        sample->pose = hyst_pose_at(swapped_m, 0.0f);
+        memcpy(sample->velocity_m_s, swapped_m_s, sizeof swapped_m_s);
     }
     if (FLAW == SPEAKS_DEGREES) sample->pose.pitch_rad *= 57.3f, sample->pose.roll_rad = 90.0f;
     if (FLAW == STAMPS_OLD) sample->time_ns = 1 + hyst_now_ns() / 1000000000u * 1000000000u; /* once a second */

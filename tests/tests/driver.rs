@@ -191,6 +191,9 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (11, "  that can be: sample"),
         (12, "states what it can do: its statement has not come within 25 s"),
         (13, "  that can be: sample"),
+        (14, "moves the way it is pushed: pushed along "),
+        (15, "moves the way it is pushed: pushed along "),
+        (16, "says how fast it goes: along "),
     ];
     let good = [binaries().join("hardware"), example(&folder, 0)];
     for driver in &good {
