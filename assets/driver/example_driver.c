@@ -20,6 +20,9 @@
 #ifndef DAMPING_N_S_M
 #define DAMPING_N_S_M 13.4f /* that it states of the hand that holds it */
 #endif
+#ifndef YAW_RAD
+#define YAW_RAD 0.6f /* how far it states that it turns to each side */
+#endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
     STATES_NOTHING, FOCUSES_IN_MM, PUSHES_BACK, SWAPS_AXES, SPEAKS_MM_S
@@ -110,7 +113,7 @@ int main(int argc, char **argv) {
         .max_damping_n_s_m = 1.0f,
         .continuous_force_n = 0.3f,
         .device_damping_n_s_m = DAMPING_N_S_M,
-        .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-0.6f, 0.6f}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
+        .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-YAW_RAD, YAW_RAD}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
         .maker = "hystation",
         .name = "example in C",
     };

@@ -22,6 +22,7 @@ pub use file::{
     Warning,
 };
 pub use metrics::METRIC_KEYS;
+pub use reach::Reach;
 pub(crate) use seat::{Seat, Seats};
 
 use crate::error::{SceneError, SceneErrorKind as Kind};

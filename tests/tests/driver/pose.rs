@@ -1,10 +1,10 @@
 //! What becomes of the place that a driver in C measures: its tip is about the scene's pivot, wherever that is.
 
 use super::window::Empty;
-use super::{compile, example};
+use super::{FOLDER, compile, example};
 use hyst_recording::Recording;
 use hyst_scene::Pose;
-use station_tests::{Folder, hystation, run};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, hystation, run, wait_for};
 use std::path::Path;
 use std::process::Command;
 
@@ -125,4 +125,17 @@ fn a_station_tells_its_driver_where_the_scene_has_its_pivot() {
         let about = Pose { pitch_rad: pose.pitch_rad, yaw_rad: pose.yaw_rad, roll_rad: 0.0, insertion_m: pose.insertion_m };
         assert!(is_near(pose.position_m, about.tip_m([0.0, 0.0, -BACK_M])), "{pose:?}");
     }
+}
+
+/// The free side and the polyp's are balls of 5 mm, 6 mm to either side of the middle; what else is asked for lies ahead, or may be farther off.
+#[test]
+fn what_a_case_asks_for_beyond_the_workspace_that_a_driver_states_is_said_at_the_start() {
+    let folder = Folder::new("driver-reach");
+    let driver = compile(&folder, "narrow", &Path::new(FOLDER).join("example_driver.c"), &["-DYAW_RAD=0.0f"]);
+    let case = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/cases/navigation.toml");
+    let station = Station::start("reach", &[case, "--driver", &driver.to_string_lossy()]);
+    let told = wait_for(RECOVERY_LIMIT, || station.said().contains("ends short of what the case asks for").then_some(()));
+    let said = station.said();
+    assert!(told.is_some() && said.contains("free side (1 mm), polyp's side (1 mm)"), "{said}");
+    station.stop();
 }
