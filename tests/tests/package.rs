@@ -154,6 +154,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
         "usr/share/doc/hystation/copyright",
         "usr/share/doc/hystation/changelog.gz",
         "usr/lib/systemd/system/hystation.service",
+        "usr/lib/systemd/user/hystation.service",
     ] {
         assert!(holds(path), "{path}\n{contents}");
     }
@@ -169,8 +170,11 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
 
     let Some(root) = clean_root(&folder, &SHELL) else { return };
     said(Command::new("dpkg-deb").arg("-x").arg(&package).arg(&root));
-    let unit = std::fs::read_to_string(root.join("usr/lib/systemd/system/hystation.service")).expect("the unit");
-    assert!(unit.contains("ExecStart=/usr/bin/hystation ") && !unit.contains("/opt/"), "{unit}");
+    for (manager, command) in [("system", "service run --headless\n"), ("user", "service run\n")] {
+        let unit = std::fs::read_to_string(root.join(format!("usr/lib/systemd/{manager}/hystation.service"))).expect("the unit");
+        let starts = unit.contains(&format!("ExecStart=/usr/bin/hystation --name {command}"));
+        assert!(starts && !unit.contains("/opt/"), "{manager}: {unit}");
+    }
     let inside = |script: &str| {
         let mounts = "mount --bind /dev $0/dev && mount -t tmpfs shm $0/dev/shm && mount -t tmpfs run $0/run && mount -t proc proc $0/proc";
         let script = format!("{mounts} && exec chroot $0 /bin/sh -c '{script}'");

@@ -189,12 +189,13 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// What follows `run` in the handbook's command for a class.
+/// What follows `run` in the handbook's command for a class by a service of the machine.
 fn class_command() -> String {
     let handbook = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/handbook.md");
     let text = std::fs::read_to_string(handbook).expect("the handbook");
-    let rest = text.split_once("ExecStart=/usr/bin/hystation --name service run ").expect("a command for a class").1;
-    rest.split_once('`').expect("its end").0.to_string()
+    let rests = text.split("ExecStart=/usr/bin/hystation --name service run ").skip(1);
+    let mut commands = rests.filter_map(|rest| rest.split('`').next());
+    commands.find(|command| command.contains("/var/lib/")).expect("a command for a class").to_string()
 }
 
 /// One session follows the other, each in a file of its own.
