@@ -12,6 +12,7 @@ mod kept;
 mod order;
 mod printer;
 mod room;
+mod session;
 
 use crate::case::RunCase;
 use crate::cli::RunArgs;
@@ -37,6 +38,7 @@ use kept::Kept;
 use order::Order;
 use printer::Printer;
 use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
+use session::Session;
 use std::io::IsTerminal;
 use std::os::unix::net::UnixListener;
 use std::sync::Arc;
@@ -351,6 +353,7 @@ impl Guardian {
             report["recording"] = serde_json::json!(recording);
         }
         let unbegun = remove_unbegun(&station, &self.order);
+        let session = Session::of(&station, &self.order, self.case_over_ns.is_some());
         crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);
@@ -371,6 +374,7 @@ impl Guardian {
             self.printer.say(&format!("--report {}: {error}; give a path that can be written", path.display()));
             code = code.max(1);
         }
+        session.iter().for_each(|session| self.printer.say(&session.tell(&mut self.notifier)));
         self.printer.finish();
         code
     }

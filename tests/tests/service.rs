@@ -184,7 +184,8 @@ impl Drop for Manager {
 
 /// The recordings in a folder, the oldest first, as they are named.
 fn recordings(folder: &Path) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut files: Vec<PathBuf> = files.filter(|file| file.extension().is_some_and(|end| end == "mcap")).collect();
     files.sort();
     files
 }
@@ -198,7 +199,7 @@ fn class_command() -> String {
     commands.find(|command| command.contains("/var/lib/")).expect("a command for a class").to_string()
 }
 
-/// One session follows the other, each in a file of its own.
+/// One session follows the other, each in a file of its own, and with its page beside that before the next one begins.
 fn assert_class(manager: &Manager) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
     let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).expect("a case");
@@ -221,6 +222,8 @@ fn assert_class(manager: &Manager) {
     assert_eq!(code, Some(0), "{said}");
     for file in recordings(&folder).iter().take(2) {
         assert!(file.to_string_lossy().ends_with("-short-anna.mcap"), "{}", file.display());
+        let page = std::fs::read_to_string(file.with_extension("html")).expect("the page of the session beside it");
+        assert!(page.contains("<h2>Case: Navigation</h2>") && page.contains("Anna"), "{}: {page}", file.display());
         let (code, report, said) = run(hystation().args(["report", "--json", "-"]).arg(file));
         let report: Value = serde_json::from_str(&report).unwrap_or_else(|error| panic!("{code:?} {error}: {said}"));
         assert_eq!(report["case"]["ended"]["by"], "time", "{}: {said}", file.display());
