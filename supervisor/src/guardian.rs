@@ -14,7 +14,7 @@ mod printer;
 mod room;
 mod session;
 
-use crate::case::RunCase;
+use crate::case::{self, RunCase};
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
 use crate::name;
@@ -100,11 +100,7 @@ enum End {
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let case = RunCase::of(&station, args)?;
-    if args.until_end && (case.is_none() || args.station.set.iter().any(|pair| pair == "console=off")) {
-        return Err(Refusal::input(
-            "--until-end: only a case has an end, and a console that sees it; name a case, leave console=off out",
-        ));
-    }
+    case::check_end(args, case.as_ref())?;
     let (settings, plan) = prepare(args, &station, case.as_ref())?;
     let signals = Signals::catch()?;
     let report =
