@@ -1,12 +1,12 @@
 /* The example of a driver: a device that is not there. Its tip is a mass on the spring of a hand that presses it against the back wall of the cavity and
- * draws it back, once in three seconds; the motors push it as the station says. A driver of a real device has the device's own library in the place of
- * `motors` and `encoders`.
+ * draws it back, once in three seconds; the motors push it as the station says. It measures and pushes along three axes of its own, as DHD's devices do. A
+ * driver of a real device has the device's own library in the place of `motors` and `encoders`, and its own way in `to_world` and `to_device`.
  *
  *     cc -std=c11 -O2 -Wall -Wextra -pthread -I assets/driver assets/driver/example_driver.c -o example_driver -lm
  *     hystation conformance driver ./example_driver
  *     hystation run --driver ./example_driver
  *
- * -DFLAW=1 to 13 makes one that does wrong, to see that it is found.
+ * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
 #include "hystation_driver.h"
@@ -20,42 +20,56 @@
 #ifndef DAMPING_N_S_M
 #define DAMPING_N_S_M 13.4f /* that it states of the hand that holds it */
 #endif
+#ifndef YAW_RAD
+#define YAW_RAD 0.6f /* how far it states that it turns to each side */
+#endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
-    STATES_NOTHING, FOCUSES_IN_MM
+    STATES_NOTHING, FOCUSES_IN_MM, PUSHES_BACK, SWAPS_AXES, SPEAKS_MM_S
 };
 
-static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity */
+static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity, where the device's own origin is */
 static const float PERIOD_S = 0.001f;
 
-/* The hand and the tip that it holds, along y. */
+/* The hand and the tip that it holds, in the device's own axes: x towards whoever sits before it, y to their right, z up. */
 typedef struct {
-    float y_m, speed_m_s, force_n;
+    float position_m[3], velocity_m_s[3];
     uint64_t ticks;
 } device;
+
+/* Whoever sits before the device looks into the patient, who lies on the back: away from them is inwards, up is anterior. That is a turn, and no mirror
+ * image; forces go back by the same one. */
+static void to_world(const float own[3], float world[3]) { world[0] = -own[1], world[1] = own[2], world[2] = -own[0]; }
+static void to_device(const float world[3], float own[3]) { own[0] = -world[2], own[1] = -world[0], own[2] = world[1]; }
 
 static float wanted_m(uint64_t ticks) {
     float time_s = (float)ticks * PERIOD_S - 1.0f; /* at rest in the first second */
     return time_s < 0.0f ? 0.0f : -0.006f * (1.0f - cosf(2.0f * 3.14159265f * time_s / 3.0f));
 }
 
-/* A hand of 300 N/m that holds 150 g, with as much damping as a grip has. */
+/* A hand of 300 N/m that holds 150 g, with as much damping as a grip has; it wants up and down. */
 static void motors(device *it, const float force_n[3]) {
-    const float stiffness_n_m = 300.0f, mass_kg = 0.15f, damping_n_s_m = 13.4f;
-    it->force_n = force_n[1];
-    float push_n = stiffness_n_m * (wanted_m(it->ticks) - it->y_m) - damping_n_s_m * it->speed_m_s + force_n[1];
-    it->speed_m_s += push_n / mass_kg * PERIOD_S;
-    it->y_m += it->speed_m_s * PERIOD_S;
+    const float stiffness_n_m = 300.0f, mass_kg = 0.15f, damping_n_s_m = 13.4f, hold_m[3] = {0.0f, 0.0f, wanted_m(it->ticks)};
+    float own_n[3];
+    to_device(force_n, own_n);
+    for (int i = 0; i < 3; i++) {
+        float push_n = stiffness_n_m * (hold_m[i] - it->position_m[i]) - damping_n_s_m * it->velocity_m_s[i] + own_n[i];
+        it->velocity_m_s[i] += push_n / mass_kg * PERIOD_S;
+        it->position_m[i] += it->velocity_m_s[i] * PERIOD_S;
+    }
     it->ticks++;
 }
 
 static hyst_sample encoders(const device *it, const float force_n[3]) {
     hyst_sample sample = {
-        .pose = hyst_pose_of(-asinf(it->y_m / INSERTION_M), 0.0f, 0.0f, INSERTION_M),
-        .velocity_m_s = {0.0f, it->speed_m_s, 0.0f},
         .force_n = {force_n[0], force_n[1], force_n[2]},
         .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f, .focus_m = 0.020f},
     };
+    float tip_m[3];
+    to_world(it->position_m, tip_m);
+    tip_m[2] += INSERTION_M;
+    sample.pose = hyst_pose_at(tip_m, 0.0f); /* it measures no turn about the scope's axis */
+    to_world(it->velocity_m_s, sample.velocity_m_s);
     return sample;
 }
 
@@ -69,6 +83,14 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
         if (FLAW == NEVER_LETS_GO && driver->silent_ticks == 0) kept_n[i] = force_n[i];
         float made_n = FLAW == NEVER_LETS_GO ? kept_n[i] : force_n[i];
         force_n[i] = sample->force_n[i] = is_mute ? 0.0f : FLAW == MAKES_TWICE ? 2.0f * made_n : made_n;
+        if (FLAW == PUSHES_BACK) force_n[i] = -force_n[i]; /* and its ledger has what it was told */
+        if (FLAW == SPEAKS_MM_S) sample->velocity_m_s[i] *= 1000.0f;
+    }
+    if (FLAW == SWAPS_AXES) {
+        const float *at_m = sample->pose.position_m, *goes_m_s = sample->velocity_m_s;
+        const float swapped_m[3] = {at_m[1], at_m[0], at_m[2]}, swapped_m_s[3] = {goes_m_s[1], goes_m_s[0], goes_m_s[2]};
+        sample->pose = hyst_pose_at(swapped_m, 0.0f);
+        memcpy(sample->velocity_m_s, swapped_m_s, sizeof swapped_m_s);
     }
     if (FLAW == SPEAKS_DEGREES) sample->pose.pitch_rad *= 57.3f, sample->pose.roll_rad = 90.0f;
     if (FLAW == STAMPS_OLD) sample->time_ns = 1 + hyst_now_ns() / 1000000000u * 1000000000u; /* once a second */
@@ -83,7 +105,7 @@ int main(int argc, char **argv) {
     if (code >= 0) return code;
     hyst_statement statement = {
         .version = HYST_STATEMENT_VERSION,
-        .measured_dof = 4,
+        .measured_dof = 3,
         .driven_dof = 3,
         .rate_hz = 1.0f / PERIOD_S,
         .max_force_n = FLAW == STATES_NO_NUMBER ? NAN : FORCE_N,
@@ -91,7 +113,7 @@ int main(int argc, char **argv) {
         .max_damping_n_s_m = 1.0f,
         .continuous_force_n = 0.3f,
         .device_damping_n_s_m = DAMPING_N_S_M,
-        .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-0.6f, 0.6f}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
+        .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-YAW_RAD, YAW_RAD}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
         .maker = "hystation",
         .name = "example in C",
     };

@@ -19,7 +19,8 @@
  *         return hyst_end(&driver);                            // and let the motors go
  *     }
  *
- * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's left.
+ * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's left, which is on
+ * the picture's left. Where a scene has its pivot elsewhere hyst_give adds that.
  * A force is what the hand is to feel at the tip, N, in that frame. One thread calls these functions.
  */
 #ifndef HYSTATION_DRIVER_H
@@ -113,7 +114,7 @@
                               HYST_WINDOW_PRESSURE | HYST_WINDOW_LIGHT | HYST_WINDOW_FOCUS | HYST_WINDOW_COAGULATION)
 
 typedef struct {
-    float position_m[3];    /* tip, in the world frame */
+    float position_m[3];    /* tip, about the pivot */
     float pitch_rad;        /* about x */
     float orientation[4];   /* unit quaternion x, y, z, w; its +z is the scope's axis, inwards */
     float yaw_rad;          /* about y */
@@ -207,6 +208,7 @@ typedef struct {
     float last_n[3];
     hyst_page window;            /* rendering's, once hyst_from_window has looked */
     uint32_t window_incarnation;
+    float pivot_m[3];            /* where the scene has its pivot: hyst_give adds it to position_m */
     hyst_pointer pointer;        /* what the window said last */
     uint64_t looked_ns;          /* when hyst_from_window looked last */
     uint64_t silent_ns;          /* for how long the window has said nothing new */
@@ -344,6 +346,17 @@ static inline void hyst_hold_latch(hyst_driver *driver) {
     pthread_mutexattr_destroy(&kind);
 }
 
+/* Where the scene has its pivot: three floats of a file in the station's root. A bench has no scene, and there it is the origin. */
+static inline int hyst_read_pivot(hyst_driver *driver) {
+    char path[256];
+    hyst_root(driver, path, sizeof path, "pivot");
+    FILE *file = fopen(path, "r");
+    if (file == NULL) return errno == ENOENT;
+    size_t found = fread(driver->pivot_m, sizeof driver->pivot_m, 1, file);
+    fclose(file);
+    return found == 1;
+}
+
 /* Reads the command line and opens the pages. Below 0: go on; else end with this exit code, everything is said. */
 static inline int hyst_begin(hyst_driver *driver, int argc, char **argv) {
     memset(driver, 0, sizeof *driver);
@@ -372,6 +385,7 @@ static inline int hyst_begin(hyst_driver *driver, int argc, char **argv) {
         driver->own.words64 = NULL;
         return hyst_fail(driver, 2, "this life is another process's; start drivers with `hystation run --driver FILE`");
     }
+    if (!hyst_read_pivot(driver)) return hyst_fail(driver, 2, "where the scene has its pivot cannot be read: start the station anew");
     hyst_store(&driver->own, HYST_HEARTBEAT_NS, hyst_now_ns());
     hyst_set_state(driver, 1);
     hyst_hold_latch(driver);
@@ -569,13 +583,15 @@ static inline void hyst_keep_ledger(hyst_driver *driver, const hyst_sample *samp
     hyst_write_ring(driver->own.words64 + HYST_LEDGER, HYST_LEDGER_ENTRIES, entry.hardware_tick, record, sizeof record / 8);
 }
 
-/* Gives a sample to the station. force_n in it is what the motors make. */
+/* Gives a sample to the station, its tip about the scene's pivot. force_n in it is what the motors make. */
 static inline void hyst_give(hyst_driver *driver, hyst_sample *sample) {
     uint64_t record[sizeof *sample / 8];
     sample->hardware_tick = ++driver->tick;
     uint64_t now_ns = hyst_now_ns();
     if (sample->time_ns == 0) sample->time_ns = now_ns;
-    memcpy(record, sample, sizeof record);
+    hyst_sample given = *sample;
+    for (int i = 0; i < 3; i++) given.pose.position_m[i] += driver->pivot_m[i];
+    memcpy(record, &given, sizeof record);
     hyst_write_cell(driver->own.words64 + HYST_SAMPLE, record, sizeof record / 8);
     hyst_store(&driver->own, HYST_VALUE_NS, sample->time_ns);
     hyst_keep_ledger(driver, sample);
@@ -598,6 +614,14 @@ static inline hyst_pose hyst_pose_of(float pitch_rad, float yaw_rad, float roll_
     pose.orientation[2] = (float)(q[2] * cos(r) + q[3] * sin(r));
     pose.orientation[3] = (float)(q[3] * cos(r) - q[2] * sin(r));
     return pose;
+}
+
+/* The pose of a scope of which a device measures where the tip is, m about the pivot, and how it is turned about its axis: it goes through the pivot, and so
+ * pitch, yaw and insertion follow. Nearer to the pivot than 0.1 mm the tip has no direction, and the scope lies straight. */
+static inline hyst_pose hyst_pose_at(const float position_m[3], float roll_rad) {
+    double x = position_m[0], y = position_m[1], z = position_m[2], aside = sqrt(x * x + z * z), away = sqrt(aside * aside + y * y);
+    int is_away = away > 1e-4;
+    return hyst_pose_of(is_away ? (float)atan2(-y, aside) : 0.0f, is_away ? (float)atan2(x, z) : 0.0f, roll_rad, (float)away);
 }
 
 /* The station stops. */

@@ -79,6 +79,22 @@ impl Drop for RunCase {
     }
 }
 
+/// Refuses to run until the end what has none, or has nobody who sees it.
+pub fn check_end(args: &RunArgs, case: Option<&RunCase>) -> Result<(), Refusal> {
+    let refused = |why: &str| Err(Refusal::input(format!("--until-end: {why}")));
+    match case {
+        _ if !args.until_end => Ok(()),
+        None => refused("only a case has an end; name one"),
+        Some(_) if args.station.set.iter().any(|pair| pair == "console=off") => {
+            refused("it is the console that sees the end of a case; leave console=off out")
+        }
+        Some(case) if case.settled.brief.end.words().is_empty() => refused(
+            "this case has no end: its goals end nothing (end.goals = false), and nothing else does; give it one, or leave --until-end out",
+        ),
+        Some(_) => Ok(()),
+    }
+}
+
 /// A case's text with another path of its scene; `None` of a text that is no case.
 pub fn with_scene(text: &str, scene: &Path) -> Option<String> {
     let mut case = Case::parse(text, "the case").ok()?;

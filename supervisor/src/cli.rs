@@ -238,7 +238,7 @@ pub struct RunArgs {
     /// Stop by itself when the session of the case is over; its console says when.
     #[arg(long, conflicts_with = "lockstep")]
     pub until_end: bool,
-    /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window, script:press without one.
+    /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window; without one script:press, but a case has none then.
     #[arg(long)]
     pub hand: Option<String>,
     /// The driver of a haptic device in the place of the simulated one (docs/driver.md).

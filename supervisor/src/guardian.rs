@@ -12,8 +12,9 @@ mod kept;
 mod order;
 mod printer;
 mod room;
+mod session;
 
-use crate::case::RunCase;
+use crate::case::{self, RunCase};
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
 use crate::name;
@@ -37,6 +38,7 @@ use kept::Kept;
 use order::Order;
 use printer::Printer;
 use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
+use session::Session;
 use std::io::IsTerminal;
 use std::os::unix::net::UnixListener;
 use std::sync::Arc;
@@ -98,11 +100,7 @@ enum End {
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let case = RunCase::of(&station, args)?;
-    if args.until_end && (case.is_none() || args.station.set.iter().any(|pair| pair == "console=off")) {
-        return Err(Refusal::input(
-            "--until-end: only a case has an end, and a console that sees it; name a case, leave console=off out",
-        ));
-    }
+    case::check_end(args, case.as_ref())?;
     let (settings, plan) = prepare(args, &station, case.as_ref())?;
     let signals = Signals::catch()?;
     let report =
@@ -351,6 +349,7 @@ impl Guardian {
             report["recording"] = serde_json::json!(recording);
         }
         let unbegun = remove_unbegun(&station, &self.order);
+        let session = Session::of(&station, &self.order, self.case_over_ns.is_some());
         crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);
@@ -371,6 +370,7 @@ impl Guardian {
             self.printer.say(&format!("--report {}: {error}; give a path that can be written", path.display()));
             code = code.max(1);
         }
+        session.iter().for_each(|session| self.printer.say(&session.tell(&mut self.notifier)));
         self.printer.finish();
         code
     }

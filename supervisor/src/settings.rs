@@ -126,7 +126,6 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
 /// The settings that the command line names, and its defaults; of a case the scene is the copy that the station will have.
 fn of_args(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<Settings, Refusal> {
     let headless = args.station.headless || !has_display();
-    let scripted = headless || args.lockstep;
     let workers = args.station.workers.unwrap_or(Settings::default().workers);
     if workers > MAX_WORKERS {
         return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
@@ -137,7 +136,7 @@ fn of_args(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<
             None => args.scene.as_deref().map(absolute).transpose()?,
         },
         case: case.and_then(|case| case.file.clone()),
-        hand: args.hand.clone().unwrap_or_else(|| if scripted { "script:press".into() } else { "mouse".into() }),
+        hand: hand_of(args, case.is_some(), headless)?,
         headless,
         workers,
         record: args.record.as_deref().map(absolute).transpose()?,
@@ -147,6 +146,19 @@ fn of_args(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<
         replay: args.again.as_ref().map(|again| again.replay),
         ..Settings::default()
     })
+}
+
+/// The hand that is named; else the mouse in a window, and where that cannot be a script. A case is somebody's session, in which no script may pass for them.
+fn hand_of(args: &RunArgs, is_case: bool, headless: bool) -> Result<String, Refusal> {
+    match &args.hand {
+        Some(hand) => Ok(hand.clone()),
+        None if !headless && !args.lockstep => Ok("mouse".into()),
+        None if is_case && args.driver.is_none() => Err(Refusal::input(
+            "a case needs somebody's hand, and there is no window that a mouse could be in: add --hand gamepad, --hand spacemouse or --driver FILE, run \
+             it where there is a display, or name a script, --hand script:NAME (`hystation check CASE` lists them)",
+        )),
+        None => Ok("script:press".into()),
+    }
 }
 
 /// The tick at which a station on a virtual clock ends.
@@ -264,6 +276,8 @@ pub fn check_set(key: &str, value: &str) -> Result<(), Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::{Cli, Command};
+    use clap::Parser;
 
     #[test]
     fn what_the_system_refuses_for_want_of_room_is_no_bad_input() {
@@ -271,6 +285,24 @@ mod tests {
         assert_eq!([ErrorKind::StorageFull, ErrorKind::QuotaExceeded].map(code), [1, 1]);
         assert_eq!([ErrorKind::PermissionDenied, ErrorKind::NotFound, ErrorKind::ReadOnlyFilesystem].map(code), [2, 2, 2]);
         assert_eq!(std::io::Error::from(rustix::io::Errno::NOSPC).kind(), ErrorKind::StorageFull);
+    }
+
+    /// A session of somebody who had come by ssh, or of a service, was recorded in which a script had moved.
+    #[test]
+    fn a_case_in_which_nobody_has_a_hand_is_refused_and_no_script_takes_their_place() {
+        let hand = |words: &[&str], is_case| {
+            let line = ["hystation", "run", "polyp", "--headless"].iter().chain(words).copied();
+            let Command::Run(args) = Cli::try_parse_from(line).unwrap().command else { panic!("not run") };
+            hand_of(&args, is_case, args.station.headless).map_err(|refusal| (refusal.code, refusal.message.contains("--driver")))
+        };
+        assert_eq!([hand(&[], true), hand(&["--lockstep"], true)], [Err((2, true)), Err((2, true))]);
+        assert_eq!(hand(&["--hand", "gamepad"], true), Ok("gamepad".into()));
+        assert_eq!(hand(&["--hand", "script:resects"], true), Ok("script:resects".into()));
+        assert!(hand(&["--driver", "./driver"], true).is_ok(), "the driver takes its place");
+        assert_eq!(hand(&[], false), Ok("script:press".into()), "a scene is nobody's session");
+        let seen = RunArgs::default();
+        assert_eq!(hand_of(&seen, true, false), Ok("mouse".into()));
+        assert_eq!(hand_of(&RunArgs { lockstep: true, ..seen }, true, false).map_err(|refusal| refusal.code), Err(2));
     }
 
     #[test]

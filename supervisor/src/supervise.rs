@@ -6,6 +6,7 @@ mod complaint;
 mod distrust;
 mod effects;
 mod kept;
+mod reach;
 mod resume;
 mod rights;
 mod roles;
@@ -96,6 +97,8 @@ struct Supervisor {
     holders: roles::Holders,
     kept: kept::Kept,
     complaint: complaint::Complaint,
+    /// What the device states of its workspace was held against the case.
+    is_reach_known: bool,
     memory: OutOfMemory,
     slots: Vec<Slot>,
     next_ledger_ns: u64,
@@ -171,6 +174,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
         complaint: complaint::Complaint::default(),
+        is_reach_known: false,
         memory: OutOfMemory::watch(),
         slots,
         page,
@@ -285,6 +289,7 @@ impl Supervisor {
                 let actions = policy::step(at_ns, Event::Ready { slot, incarnation }, &mut self.policy);
                 self.faults.ready(slot, incarnation, at_ns);
                 self.note_rights(slot);
+                self.note_reach(slot);
                 self.act(actions);
             }
             Input::Notice(Notice::Serves { slot, incarnation, at_ns }) => {

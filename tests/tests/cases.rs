@@ -229,9 +229,16 @@ fn a_station_that_is_to_end_with_its_session_says_how_it_ended_and_does() {
 fn what_has_no_end_or_nobody_who_sees_it_cannot_be_run_until_then() {
     let folder = Folder::new("case-endless");
     let case = short_case(&folder);
-    for arguments in
-        [&["--until-end"][..], &[&case, "--until-end", "--set", "console=off"], &[&case, "--until-end", "--lockstep"]]
-    {
+    let ends = "time_s = 4.0\nperforation = true";
+    let text = folder.read("short.toml");
+    assert!(text.contains(ends), "{text}");
+    let endless = folder.write("endless.toml", &text.replace(ends, "goals = false"));
+    for arguments in [
+        &["--until-end"][..],
+        &[&case, "--until-end", "--set", "console=off"],
+        &[&case, "--until-end", "--lockstep"],
+        &[&endless, "--until-end", "--hand", "idle"],
+    ] {
         let mut command = hystation();
         command.args(["--name", &format!("f{}", std::process::id()), "run", "--headless", "--for", "2s"]).args(arguments);
         let (code, _, said) = run(&mut command);

@@ -16,6 +16,8 @@ use std::mem::offset_of;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+#[path = "driver/pose.rs"]
+mod pose;
 #[path = "driver/window.rs"]
 mod window;
 
@@ -189,6 +191,9 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (11, "  that can be: sample"),
         (12, "states what it can do: its statement has not come within 25 s"),
         (13, "  that can be: sample"),
+        (14, "moves the way it is pushed: pushed along "),
+        (15, "moves the way it is pushed: pushed along "),
+        (16, "says how fast it goes: along "),
     ];
     let good = [binaries().join("hardware"), example(&folder, 0)];
     for driver in &good {
@@ -268,7 +273,7 @@ fn a_driver_in_c_moves_the_scope_feels_the_tissue_dies_hangs_and_is_there_again(
     assert!(ended.number("device.ticks") > 5_000.0 && ended.number("device.fresh") > 4_000.0, "{}", ended.report["device"]);
 }
 
-/// The example without a flaw is pushed back with 0.68 N (`hystation report` of six seconds, 2026-11-25).
+/// The wall pushes the example without a flaw back with more than the 0.4 N that this one states.
 #[test]
 fn a_weaker_device_is_never_asked_for_more_than_it_states_and_a_replay_makes_the_same_forces() {
     let folder = Folder::new("driver-weak");
@@ -312,8 +317,9 @@ fn what_a_driver_says_that_cannot_be_is_not_used_and_the_operator_is_told() {
             let end = page.ring_end(device::INPUTS);
             (end.saturating_sub(60)..end).filter_map(|tick| page.ring(device::INPUTS, tick)).collect::<Vec<_>>()
         };
+        // In its hand the tip is at 45 mm, and the wall pushes it by some: the jump is to 80 mm.
         let is_sound =
-            |sample: &HardwareSample| (sample.pose.insertion_m - 0.045).abs() < 1e-6 && sample.pose.position_m[1].is_finite();
+            |sample: &HardwareSample| (0.03..0.06).contains(&sample.pose.insertion_m) && sample.pose.position_m[1].is_finite();
         assert!(input.len() > 30 && input.iter().all(|input| is_sound(&input.sample)), "{what}");
         assert!(input.iter().all(|input| input.limits.max_force_n == 2.0), "the servos know what the device can do");
         let is_carried = |stiffness_n_m: f32| (stiffness_n_m - most_n_m).abs() < 0.1;

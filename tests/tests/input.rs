@@ -98,6 +98,8 @@ fn a_case_that_cannot_be_done_is_refused_before_anything_starts() {
     refused(&[&case, "--set", "seed=-1"], &["seed=-1", "whole number"]);
     refused(&[&case, "--set", "seed=1.5"], &["seed=1.5", "whole number"]);
     refused(&["--set", "seed=1"], &["seed=1", "a case alone has a seed"]);
+    refused(&[&case], &["a case needs somebody's hand", "--hand gamepad", "--driver FILE"]);
+    refused(&[&case, "--lockstep"], &["a case needs somebody's hand"]);
 }
 
 #[test]

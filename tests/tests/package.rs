@@ -22,6 +22,25 @@ const SHARED: [(&str, &[&str]); 6] = [
     ("driver", &["hystation_driver.h", "example_driver.c"]),
 ];
 
+/// What it has beside programs and what [`SHARED`] names.
+const BESIDE: [&str; 15] = [
+    "usr/share/man/man1/hystation.1.gz",
+    "usr/share/man/man1/hystation-run.1.gz",
+    "usr/share/bash-completion/completions/hystation",
+    "usr/share/zsh/vendor-completions/_hystation",
+    "usr/share/fish/vendor_completions.d/hystation.fish",
+    "usr/share/doc/hystation/README.md",
+    "usr/share/doc/hystation/docs/driver.md",
+    "usr/share/doc/hystation/docs/handbook.md",
+    "usr/share/doc/hystation/copyright",
+    "usr/share/doc/hystation/changelog.gz",
+    "usr/lib/systemd/system/hystation.service",
+    "usr/lib/systemd/user/hystation.service",
+    "etc/security/limits.d/hystation.conf",
+    "usr/lib/udev/rules.d/70-hystation.rules",
+    "usr/share/applications/hystation.desktop",
+];
+
 /// The files of all folders of [`SHARED`], each as it is named in there.
 fn shared_files() -> Vec<String> {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
@@ -133,6 +152,26 @@ fn assert_papers(package: &Path, folder: &Folder) {
     assert_eq!(completed(&["hystation", "run", "--rec"]), ["--record"]);
 }
 
+/// The documents below a folder.
+fn documents(folder: &Path) -> Vec<PathBuf> {
+    let found = said(Command::new("find").arg(folder).args(["-name", "*.md", "-type", "f"]));
+    found.lines().map(PathBuf::from).collect()
+}
+
+/// What a document of the package links to beside it is in the package, too; README.md named files of a source tree that was not there.
+fn assert_links(root: &Path) {
+    let documents = documents(&root.join("usr/share/doc/hystation"));
+    assert!(documents.len() > 8, "{documents:?}");
+    for document in documents {
+        let text = std::fs::read_to_string(&document).expect("a document");
+        let links = text.split("](").skip(1).filter_map(|rest| rest.split([')', '#']).next());
+        for link in links.filter(|link| !link.is_empty() && !link.contains("://")) {
+            let there = document.parent().expect("a folder").join(link).exists();
+            assert!(there, "{}: there is no {link} beside it", document.display());
+        }
+    }
+}
+
 #[test]
 fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     let folder = Folder::new("package");
@@ -142,19 +181,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     for program in ["hystation", "device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder", "console"] {
         assert!(holds(&format!("usr/lib/hystation/{program}")), "{program}\n{contents}");
     }
-    for path in [
-        "usr/share/man/man1/hystation.1.gz",
-        "usr/share/man/man1/hystation-run.1.gz",
-        "usr/share/bash-completion/completions/hystation",
-        "usr/share/zsh/vendor-completions/_hystation",
-        "usr/share/fish/vendor_completions.d/hystation.fish",
-        "usr/share/doc/hystation/README.md",
-        "usr/share/doc/hystation/docs/driver.md",
-        "usr/share/doc/hystation/docs/handbook.md",
-        "usr/share/doc/hystation/copyright",
-        "usr/share/doc/hystation/changelog.gz",
-        "usr/lib/systemd/system/hystation.service",
-    ] {
+    for path in BESIDE {
         assert!(holds(path), "{path}\n{contents}");
     }
     for file in shared_files() {
@@ -162,6 +189,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     }
     assert!(contents.lines().all(|line| line.contains("root/root")), "{contents}");
     assert_papers(&package, &folder);
+    assert_links(&folder.as_path().join("papers"));
     let field = |name: &str| said(Command::new("dpkg-deb").arg("-f").arg(&package).arg(name)).trim().to_string();
     let version = said(Command::new(binaries().join("hystation")).arg("--version"));
     assert_eq!(format!("hystation {}", field("Version")), version.trim());
@@ -169,8 +197,11 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
 
     let Some(root) = clean_root(&folder, &SHELL) else { return };
     said(Command::new("dpkg-deb").arg("-x").arg(&package).arg(&root));
-    let unit = std::fs::read_to_string(root.join("usr/lib/systemd/system/hystation.service")).expect("the unit");
-    assert!(unit.contains("ExecStart=/usr/bin/hystation ") && !unit.contains("/opt/"), "{unit}");
+    for (manager, command) in [("system", "service run --headless\n"), ("user", "service run\n")] {
+        let unit = std::fs::read_to_string(root.join(format!("usr/lib/systemd/{manager}/hystation.service"))).expect("the unit");
+        let starts = unit.contains(&format!("ExecStart=/usr/bin/hystation --name {command}"));
+        assert!(starts && !unit.contains("/opt/"), "{manager}: {unit}");
+    }
     let inside = |script: &str| {
         let mounts = "mount --bind /dev $0/dev && mount -t tmpfs shm $0/dev/shm && mount -t tmpfs run $0/run && mount -t proc proc $0/proc";
         let script = format!("{mounts} && exec chroot $0 /bin/sh -c '{script}'");

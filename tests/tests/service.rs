@@ -184,20 +184,35 @@ impl Drop for Manager {
 
 /// The recordings in a folder, the oldest first, as they are named.
 fn recordings(folder: &Path) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut files: Vec<PathBuf> = files.filter(|file| file.extension().is_some_and(|end| end == "mcap")).collect();
     files.sort();
     files
 }
 
-/// One session follows the other, each in a file of its own.
+/// What follows `run` in the handbook's command for a class by a service of the machine.
+fn class_command() -> String {
+    let handbook = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/handbook.md");
+    let text = std::fs::read_to_string(handbook).expect("the handbook");
+    let rests = text.split("ExecStart=/usr/bin/hystation --name service run ").skip(1);
+    let mut commands = rests.filter_map(|rest| rest.split('`').next());
+    commands.find(|command| command.contains("/var/lib/")).expect("a command for a class").to_string()
+}
+
+/// One session follows the other, each in a file of its own, and with its page beside that before the next one begins.
 fn assert_class(manager: &Manager) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
     let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).expect("a case");
     let scene = assets.join("scenes/default.toml").display().to_string();
     let text = text.replace("time_s = 240.0", "time_s = 4.0").replace("../scenes/default.toml", &scene);
     let (case, folder) = (manager.folder.write("short.toml", &text), manager.folder.as_path().join("class"));
-    let record = format!("--until-end --set console_port=0 --set trainee=Anna --record {}/", folder.display());
-    manager.edit(&format!("{case} --hand script:press {record}"));
+    let place = format!("{}/", folder.display());
+    let mut command = class_command();
+    for (in_class, here) in [("polyp", case.as_str()), ("gamepad", "script:press"), ("/var/lib/hystation/", place.as_str())] {
+        assert!(command.contains(in_class), "{command} has no {in_class}");
+        command = command.replace(in_class, here);
+    }
+    manager.edit(&format!("{command} --set console_port=0 --set trainee=Anna"));
     let (code, _, said) = manager.inside("systemctl start hystation");
     assert_eq!(code, Some(0), "{said}\n{}", manager.inside("systemctl status hystation").1);
     // The third has begun: two are over.
@@ -207,6 +222,8 @@ fn assert_class(manager: &Manager) {
     assert_eq!(code, Some(0), "{said}");
     for file in recordings(&folder).iter().take(2) {
         assert!(file.to_string_lossy().ends_with("-short-anna.mcap"), "{}", file.display());
+        let page = std::fs::read_to_string(file.with_extension("html")).expect("the page of the session beside it");
+        assert!(page.contains("<h2>Case: Navigation</h2>") && page.contains("Anna"), "{}: {page}", file.display());
         let (code, report, said) = run(hystation().args(["report", "--json", "-"]).arg(file));
         let report: Value = serde_json::from_str(&report).unwrap_or_else(|error| panic!("{code:?} {error}: {said}"));
         assert_eq!(report["case"]["ended"]["by"], "time", "{}: {said}", file.display());
@@ -233,12 +250,16 @@ fn assert_waits_for_room(manager: &Manager) {
 
 /// What is refused once is refused again, and is not tried.
 fn assert_refusal_ends(manager: &Manager) {
-    manager.edit("--record /proc/");
-    let (code, ..) = manager.inside("systemctl start hystation");
-    assert_ne!(code, Some(0), "nobody can record into /proc");
-    let failed = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "failed").then_some(()));
-    assert!(failed.is_some(), "{}", manager.inside("systemctl status hystation").1);
-    assert_eq!((manager.show("ExecMainStatus"), manager.show("NRestarts")), ("2".into(), "0".into()));
+    // Nobody can record into /proc; and a session is no script's because it is a service's, which has no window.
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/polyp.toml").display().to_string();
+    for command in ["--record /proc/", case.as_str()] {
+        manager.edit(command);
+        let (code, ..) = manager.inside("systemctl start hystation");
+        assert_ne!(code, Some(0), "{command} is refused");
+        let failed = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "failed").then_some(()));
+        assert!(failed.is_some(), "{command}: {}", manager.inside("systemctl status hystation").1);
+        assert_eq!((manager.show("ExecMainStatus"), manager.show("NRestarts")), ("2".into(), "0".into()), "{command}");
+    }
 }
 
 #[test]

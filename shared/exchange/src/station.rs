@@ -119,6 +119,16 @@ impl Station {
     pub fn build(&self) -> PathBuf {
         self.root.join("build")
     }
+    /// Where the scene has its pivot, for drivers, whose tips are about it: three floats, m. A place without a scene has none.
+    pub fn pivot(&self) -> PathBuf {
+        self.root.join("pivot")
+    }
+    /// What stands there; the origin where nothing does.
+    pub fn pivot_m(&self) -> [f32; 3] {
+        let bytes = std::fs::read(self.pivot()).unwrap_or_default();
+        let coordinate = |axis: usize| -> Option<[u8; 4]> { bytes.get(4 * axis..4 * axis + 4)?.try_into().ok() };
+        std::array::from_fn(|axis| coordinate(axis).map_or(0.0, f32::from_ne_bytes))
+    }
     /// What the case is judged by, as JSON.
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")

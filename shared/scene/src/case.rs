@@ -23,6 +23,7 @@ pub use file::{
     Vary, Visit, Warning,
 };
 pub use metrics::METRIC_KEYS;
+pub use reach::Reach;
 pub(crate) use seat::{Seat, Seats};
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
@@ -78,8 +79,8 @@ pub fn find_case(path: &Path, seed: Option<u32>) -> Result<Option<SettledCase>, 
     find(path, seed, Past::New)
 }
 
-/// The same of a case that was played, as a recording has it: one that a later build would refuse, because its scope does not come to a place or its current
-/// does not work in its medium, is settled all the same.
+/// The same of a case that was played, as a recording has it: one that a later build would refuse, because its scope does not come to a place, its current
+/// does not work in its medium or its vessels do not bleed, is settled all the same.
 ///
 /// # Errors
 /// Those of [`find_case`], but for these.

@@ -18,6 +18,8 @@ pub struct Admitted {
     pub state_bytes: u64,
     /// The hand draws the loop under current; of one that is no script nobody knows, and it may.
     pub may_cut: bool,
+    /// Its pivot, m.
+    pub pivot_m: [f32; 3],
 }
 
 /// Loads the scene of a run as the engines will, so that a station is never half-started. What was repaired is said on stderr.
@@ -48,7 +50,8 @@ pub fn admit(settings: &Settings, plan: &Plan, case: Option<&RunCase>) -> Result
     }
     let bytes = |object: &hyst_scene::LoadedDeformable| object.mesh.positions_m.len() * 24 + object.bindings.len() * 12;
     let state_bytes = loaded.objects.iter().map(bytes).sum::<usize>() as u64;
-    Ok(Admitted { hash: loaded.hash, state_bytes, may_cut: may_cut(&settings.hand, &loaded) })
+    let (hash, pivot_m, may_cut) = (loaded.hash, loaded.workspace.pivot_m, may_cut(&settings.hand, &loaded));
+    Ok(Admitted { hash, state_bytes, may_cut, pivot_m })
 }
 
 fn may_cut(hand: &str, loaded: &LoadedScene) -> bool {

@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod doctor;
 pub mod fault;
 pub mod logs;
+mod others;
 pub mod replay;
 pub mod report;
 pub mod status;
@@ -93,7 +94,9 @@ fn with_folder(folder: Option<&Path>, run: impl FnOnce() -> Result<u8, Refusal>)
 
 /// The error of a command that needs a running station.
 pub fn no_station(station: &Station) -> Refusal {
-    Refusal::input(format!("no station named {0:?} is running; start it with `hystation --name {0} run`", station.name()))
+    let none = format!("no station named {0:?} is running; start it with `hystation --name {0} run`", station.name());
+    let others: Vec<String> = others::others(station).iter().map(|begin| format!("`{begin} …`")).collect();
+    Refusal::input(if others.is_empty() { none } else { format!("{none}; or ask one that there is: {}", others.join(", ")) })
 }
 
 #[cfg(test)]

@@ -183,7 +183,7 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted, build: Option
     let needed = needed_bytes(scene.state_bytes) + copied.bytes();
     room::await_room(needed, &Notifier::of_environment())?;
     let begun = begun(wanted)?;
-    let made = make(station, wanted, &begun, build);
+    let made = make(station, wanted, &begun, scene.pivot_m, build);
     if made.is_err() {
         station.wipe(); // nothing half-founded stays
         if let Some(file) = begun.record.filter(|_| wanted.in_folder) {
@@ -200,16 +200,23 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted, build: Option
     Ok(page)
 }
 
-fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings, build: Option<Beside>) -> Result<OwnedPage, Refusal> {
+fn make(
+    station: &Station,
+    wanted: &Wanted<'_>,
+    settings: &Settings,
+    pivot_m: [f32; 3],
+    build: Option<Beside>,
+) -> Result<OwnedPage, Refusal> {
     let build = build.and_then(Beside::wait); // without one the recording names none
     station.found().map_err(unmade)?;
     let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
-    let laid_down = |path: PathBuf, text: String| {
-        std::fs::write(&path, text)
+    let laid_down = |path: PathBuf, content: &[u8]| {
+        std::fs::write(&path, content)
             .map_err(|e| Refusal::of_system(e.kind(), format!("{}: {e}; look at `df /dev/shm`", path.display())))
     };
-    laid_down(station.settings(), text)?;
-    build.map_or(Ok(()), |build| laid_down(station.build(), build))?;
+    laid_down(station.settings(), text.as_bytes())?;
+    laid_down(station.pivot(), &pivot_m.map(f32::to_ne_bytes).concat())?;
+    build.map_or(Ok(()), |build| laid_down(station.build(), build.as_bytes()))?;
     wanted.plan.write(station).map_err(|e| match &e {
         PlanError::File { source, .. } => Refusal::of_system(source.kind(), e.to_string()),
         PlanError::Content { .. } => Refusal::input(e.to_string()),

@@ -3,8 +3,8 @@
 use super::compile;
 use hyst_exchange::Station;
 use hyst_messages::controls::*;
-use hyst_messages::page::{rendering, station};
-use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Role, Slot};
+use hyst_messages::page::{hardware, rendering, station};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Role, Slot};
 use station_tests::{Folder, run};
 use std::path::Path;
 use std::process::Command;
@@ -86,13 +86,13 @@ const LACKS: [u32; 11] = [
 ];
 
 /// A station that has the pages of a driver and of a window, and no process.
-struct Empty {
-    station: Station,
+pub(super) struct Empty {
+    pub(super) station: Station,
     next: u32,
 }
 
 impl Empty {
-    fn new(name: &str) -> Empty {
+    pub(super) fn new(name: &str) -> Empty {
         let station = Station::named(&format!("{name}-{}", std::process::id())).expect("a name");
         station.wipe();
         station.found().expect("a station");
@@ -114,14 +114,25 @@ impl Empty {
             .store32(station::SLOT_INCARNATION + slot.number(), incarnation);
     }
 
-    /// What another life of a driver writes on stdout.
-    fn live(&mut self, program: &Path) -> String {
+    /// Exit code, stdout and stderr of another life of a driver.
+    pub(super) fn run(&mut self, program: &Path) -> (Option<i32>, String, String) {
         let (slot, incarnation) = (Slot::first(Role::Hardware), self.incarnation());
         self.station.create_slot(slot, incarnation).expect("its page");
         let words = ["--station", self.station.name(), "--slot", "hardware", "--incarnation", &incarnation.to_string()];
-        let (code, out, said) = run(Command::new(program).args(words));
+        run(Command::new(program).args(words))
+    }
+
+    /// What another life of a driver writes on stdout.
+    pub(super) fn live(&mut self, program: &Path) -> String {
+        let (code, out, said) = self.run(program);
         assert_eq!(code, Some(0), "{said}");
         out
+    }
+
+    /// The newest sample of the life that was last.
+    pub(super) fn sample(&self) -> HardwareSample {
+        let page = self.station.read_slot(Slot::first(Role::Hardware), self.next).expect("its page");
+        page.cell(hardware::SAMPLE).expect("a sample").1
     }
 
     /// What another life of the driver has in its samples, for each of [`LACKS`]: what it lacks, its controls, and how the head is turned, rad.

@@ -2,7 +2,7 @@
 
 use super::brief::{deficit_limit_ml, middle_m, misfit};
 use super::checks::wrong;
-use super::file::{Case, Goal, Mirror, Place};
+use super::file::{Case, Goal, Mirror, Place, Vary};
 use super::reach::{is_visited, reachable};
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
@@ -10,6 +10,9 @@ use crate::file::{Deformable, DeformableKind, Scene};
 use crate::loaded::LoadedScene;
 use crate::mirror;
 use crate::validate::{Checked, hand, range, validate};
+
+/// The least that the pump is set to, Pa: 15 mmHg (WOM's manual, as the hand's controls have it).
+const LEAST_SET_PA: f64 = 15.0 * 133.322;
 
 /// What the case and its scene show together.
 pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
@@ -29,10 +32,12 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }
 
-/// What a case that was never played has to show beyond that: the scope comes to its places, and its current works where a goal needs the loop.
+/// What a case that was never played has to show beyond that: the scope comes to its places, its current works where a goal needs the loop, and what is to be
+/// staunched bleeds.
 pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
     // Where objects are is known once they are drawn.
     reachable(case, scene, |place| place.centre_m)?;
+    bleeds(case, scene)?;
     let Some([_, what, cure]) = misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) else {
         return Ok(());
     };
@@ -40,6 +45,25 @@ pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
         Some((index, name)) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
         None => Ok(()),
     }
+}
+
+/// Whether a goal's bleeding comes about, whatever of the vessels a seed draws.
+fn bleeds(case: &Case, scene: &Scene) -> Checked {
+    let Some(index) = case.goal.iter().position(|goal| goal.staunch.is_some()) else { return Ok(()) };
+    let least = |drawn: fn(&Vary) -> Option<[f64; 2]>, of_scene: f64| {
+        case.vary.iter().find_map(drawn).map_or(of_scene, |[least, _]| least)
+    };
+    let pressure_pa = least(|vary| vary.vessel_pressure_pa, scene.vessels.pressure_pa);
+    let conductance_ml_s_pa = least(|vary| vary.vessel_conductance_ml_s_pa, scene.vessels.conductance_ml_s_pa);
+    let (what, cure) = if conductance_ml_s_pa <= 0.0 {
+        ("nothing comes out of vessels whose conductance may be 0".to_owned(), "let it be more, in [vessels] or in [[vary]]")
+    } else if pressure_pa <= LEAST_SET_PA {
+        let what = format!("vessels of {pressure_pa} Pa never bleed: the pump's least pressure is {LEAST_SET_PA:.0} Pa");
+        (what, "let their pressure be higher, in [vessels] or in [[vary]]")
+    } else {
+        return Ok(());
+    };
+    wrong(Kind::Contradiction, format!("goal[{index}].staunch"), what, cure)
 }
 
 /// The same of its places at objects, where the seed has drawn these.
@@ -165,5 +189,34 @@ fn inserted(place: &Place, index: usize, scene: &Scene) -> Checked {
             wrong(Kind::Contradiction, format!("place[{index}].insertion_m"), what, cure)
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A goal that asked for it was accepted, and no session could reach it.
+    #[test]
+    fn a_bleeding_is_staunched_only_where_vessels_can_bleed_whatever_is_drawn() {
+        let case = |goal: &str, vary: &str| -> Case {
+            let head = "version = 1\nname = \"x\"\nrung = \"bleeding\"\ntask = \"x\"\nscene = \"x\"";
+            toml::from_str(&format!("{head}\n[[goal]]\n{goal}\n[[vary]]\n{vary}\n")).unwrap()
+        };
+        let staunch = "staunch = { after_ml = 0.2, below_ml_min = 1.0, for_s = 5.0 }";
+        let mut scene = Scene::embedded_default().unwrap();
+        let mut found = |vary: &str, pressure_pa: f64, conductance_ml_s_pa: f64| {
+            (scene.vessels.pressure_pa, scene.vessels.conductance_ml_s_pa) = (pressure_pa, conductance_ml_s_pa);
+            assert_eq!(playable(&case("removed = { percent = 5.0 }", vary), &scene), Ok(()), "no other goal needs vessels");
+            playable(&case(staunch, vary), &scene).map_err(|error| error.key)
+        };
+        let refused = Err("goal[0].staunch".to_owned());
+        let of_scene = "vessel_spacing_m = [0.003, 0.004]";
+        assert_eq!(found(of_scene, 12_000.0, 1e-5), Ok(()));
+        assert_eq!([found(of_scene, 12_000.0, 0.0), found(of_scene, 1_900.0, 1e-5)], [refused.clone(), refused.clone()]);
+        assert_eq!(found("vessel_pressure_pa = [1e3, 12e3]", 12_000.0, 1e-5), refused, "by some of its seeds");
+        assert_eq!(found("vessel_conductance_ml_s_pa = [0.0, 1e-5]", 12_000.0, 1e-5), refused);
+        let drawn = "vessel_conductance_ml_s_pa = [1e-6, 1e-5]\nvessel_pressure_pa = [11e3, 12e3]";
+        assert_eq!(found(drawn, 0.0, 0.0), Ok(()), "what is drawn counts, not what the scene has");
     }
 }

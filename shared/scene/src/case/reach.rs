@@ -2,9 +2,10 @@
 //! a hand back, the walls and how far it rolls, is not looked at: refused is only what can never be. Where current is warned of is no goal: nobody has to come
 //! there, and the loop, which counts there, reaches farther than the tip.
 //!
-//! The simulated hand takes the largest of the four limits of pitch and yaw for each of them, to either side; so does this.
+//! The simulated hand takes the largest of the four limits of pitch and yaw for each of them, to either side; so does this. Of a device that is plugged in
+//! counts what it states.
 
-use super::brief::sight;
+use super::brief::{Aim, Brief, Named, Region, sight};
 use super::checks::wrong;
 use super::file::{Case, Place};
 use crate::error::SceneErrorKind as Kind;
@@ -16,6 +17,60 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// What rounding may cost: a micrometre, a degree.
 const SLACK_M: f64 = 1e-6;
 const SLACK_RAD: f64 = 0.02;
+
+/// How far a device brings the tip about the scene's pivot: least and greatest of each, of which the least is not above the greatest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// The pivot.
+    pub pivot_m: [f64; 3],
+    /// Pitch.
+    pub pitch_rad: [f64; 2],
+    /// Yaw.
+    pub yaw_rad: [f64; 2],
+    /// From pivot to tip.
+    pub insertion_m: [f64; 2],
+}
+
+impl Brief {
+    /// What the goals ask for that lies beyond a device, and by how much: a place by its name, a landmark that is seen from no nearer, a growth.
+    pub fn beyond(&self, reach: &Reach) -> Vec<String> {
+        let mut beyond = Vec::new();
+        for Named { words, is } in self.goals.iter().flat_map(|goal| self.asked(&goal.is)) {
+            let gap_m = short_m(reach, &is);
+            let text = format!("{words} ({:.0} mm)", 1e3 * gap_m);
+            if gap_m > SLACK_M && !beyond.contains(&text) {
+                beyond.push(text);
+            }
+        }
+        beyond
+    }
+
+    /// Where a goal wants the tip.
+    fn asked(&self, aim: &Aim) -> Vec<Named<Region>> {
+        let near =
+            |words: &str, middle_m: [f64; 3], within_m| Named { words: words.to_owned(), is: Region::Ball(middle_m, within_m) };
+        match aim {
+            Aim::Visit { places, .. } => places.clone(),
+            Aim::Look { landmarks, sight, .. } => landmarks.iter().map(|it| near(&it.words, it.is, sight.within_m)).collect(),
+            Aim::Removed(_) | Aim::Piece(_) => {
+                let within_m = self.pathology_sight.within_m;
+                self.pathologies_m.iter().map(|middle_m| near("a growth", *middle_m, within_m)).collect()
+            }
+            Aim::Pressure { .. } | Aim::Stop { .. } | Aim::Staunch { .. } => Vec::new(),
+        }
+    }
+}
+
+/// How much nearer the tip would have to come, m; not above 0 where it comes.
+fn short_m(reach: &Reach, region: &Region) -> f64 {
+    match region {
+        Region::Ball(centre_m, radius_m) => {
+            let away_m = DVec3::from(*centre_m) - DVec3::from(reach.pivot_m);
+            nearest_within([reach.pitch_rad, reach.yaw_rad], reach.insertion_m, away_m).1 - radius_m
+        }
+        Region::Insertion([from_m, to_m]) => (from_m - reach.insertion_m[1]).max(reach.insertion_m[0] - to_m),
+    }
+}
 
 /// Checks each place whose middle, m, is known: where a goal has it visited the tip can come into it, where one has it looked at its middle can be seen.
 pub(crate) fn reachable(case: &Case, scene: &Scene, middle_m: impl Fn(&Place) -> Option<[f64; 3]>) -> Checked {
@@ -81,17 +136,21 @@ fn out_of_sight(limits: &Workspace, view: &View, away_m: DVec3, within_m: f64) -
 /// The scope's axis, a unit vector, that brings the tip nearest to a point, m from the pivot, and how far they are apart then, m.
 fn nearest(limits: &Workspace, away_m: DVec3) -> (DVec3, f64) {
     let tilt_rad = tilt_deg(limits).to_radians();
+    nearest_within([[-tilt_rad, tilt_rad]; 2], limits.insertion_m, away_m)
+}
+
+/// The same of a hand that pitches and yaws within these angles, rad, and goes so far in, m.
+fn nearest_within([pitch, yaw]: [[f64; 2]; 2], [shortest_m, longest_m]: [f64; 2], away_m: DVec3) -> (DVec3, f64) {
     // The nearest axis has the yaw of the point, or one of the outermost; of each yaw likewise.
-    let candidates = |best_rad: f64| [best_rad.clamp(-tilt_rad, tilt_rad), -tilt_rad, tilt_rad];
-    let axes = candidates(away_m.x.atan2(away_m.z)).into_iter().flat_map(|yaw_rad: f64| {
+    let candidates = |best_rad: f64, [least, most]: [f64; 2]| [best_rad.clamp(least, most), least, most];
+    let axes = candidates(away_m.x.atan2(away_m.z), yaw).into_iter().flat_map(|yaw_rad: f64| {
         let (sin, cos) = yaw_rad.sin_cos();
         let pitch_rad = (-away_m.y).atan2(sin * away_m.x + cos * away_m.z);
         // R_y(yaw) · R_x(pitch) · z, as of a pose.
         let axis = |pitch_rad: f64| DVec3::new(sin * pitch_rad.cos(), -pitch_rad.sin(), cos * pitch_rad.cos());
-        candidates(pitch_rad).map(axis)
+        candidates(pitch_rad, pitch).map(axis)
     });
     let axis = axes.max_by(|a, b| a.dot(away_m).total_cmp(&b.dot(away_m))).unwrap_or(DVec3::Z);
-    let [shortest_m, longest_m] = limits.insertion_m;
     (axis, away_m.distance(axis * axis.dot(away_m).clamp(shortest_m, longest_m)))
 }
 
@@ -165,6 +224,31 @@ mod tests {
         let [beside, ahead] = [DVec3::new(0.02, 0.0, 0.0), DVec3::new(0.0, 0.0, 0.11)];
         assert_eq!([refused(beside, &fore_oblique), refused(beside, &sideways)], [true, false]);
         assert_eq!([refused(ahead, &fore_oblique), refused(ahead, &sideways)], [false, true]);
+    }
+
+    /// By hand: the middle of the cavity is a ball of 6 mm about 30 mm, the fundus at 50 mm is looked at from 25 mm, the canal is the first 10 mm.
+    #[test]
+    fn what_lies_beyond_a_device_is_named_with_how_much_it_lacks() {
+        let brief = |case: &str| {
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../assets/cases/{case}.toml"));
+            crate::find_case(&path, None).unwrap().unwrap().brief
+        };
+        let whole = Reach { pivot_m: [0.0; 3], pitch_rad: [-0.6, 0.6], yaw_rad: [-0.6, 0.6], insertion_m: [0.0, 0.1] };
+        let navigation = brief("navigation");
+        assert_eq!(navigation.beyond(&whole), Vec::<String>::new());
+        let named = |reach: Reach| {
+            let beyond = navigation.beyond(&reach);
+            ["middle (4 mm)", "middle (14 mm)", "fundus (5 mm)", "canal (10 mm)"]
+                .map(|name| beyond.iter().any(|text| text == name))
+        };
+        assert_eq!(named(Reach { insertion_m: [0.0, 0.02], ..whole }), [true, false, true, false]);
+        assert_eq!(named(Reach { insertion_m: [0.0, 0.02], pivot_m: [0.0, 0.0, -0.01], ..whole }), [false, true, false, false]);
+        assert_eq!(named(Reach { insertion_m: [0.02, 0.1], ..whole }), [false, false, false, true]);
+        let ahead = navigation.beyond(&Reach { yaw_rad: [0.0, 0.0], ..whole });
+        assert_eq!(ahead[..2], ["free side (1 mm)", "polyp's side (1 mm)"], "6 mm to either side, in balls of 5");
+        let shallow = brief("polyp").beyond(&Reach { insertion_m: [0.0, 0.005], ..whole });
+        let growths = shallow.iter().filter(|text| text.starts_with("a growth (")).count();
+        assert_eq!(growths, 1, "once, though two goals ask for it: {shallow:?}");
     }
 
     /// A case with a place at an object, and with what it does with that.

@@ -1,9 +1,10 @@
 //! `hystation conformance driver`: whether a driver of a haptic device does what docs/driver.md asks. It is started on a bench of its own, where this program
 //! stands for the `device` engine: it commands forces of at most 0.3 N, then such as no motor may follow, falls silent, is replaced, and stops.
 //!
-//! What is compared is the driver's own ledger, tick by tick: which command it followed, and what its motors made.
+//! What is compared is the driver's own ledger, tick by tick: which command it followed, and what its motors made; and, where the tip gives way, how it moved.
 
 mod bench;
+mod motion;
 
 use super::{Check, NO_TIME, check};
 use crate::settings::Refusal;
@@ -71,15 +72,19 @@ fn on_a_bench(binary: &Path) -> Result<(Vec<Check>, u64), Refusal> {
     let most_n = FORCE_N.min(FORCE_SHARE * stated.limits.max_force_n);
     let gone_on = |checks: &[Check]| checks.iter().all(|check| check.good);
     checks.extend(samples(&mut bench, &stated, most_n));
+    // Of one whose motors do not do as they are told the same would be said again.
+    if gone_on(&checks) {
+        checks.push(check("moves the way it is pushed", motion::pushed(&mut bench, &stated, most_n)));
+    }
     checks.push(check("follows no wrong command", wrong_commands(&mut bench, &stated, most_n)));
     checks.push(check("lets go when nobody commands", silence(&mut bench, most_n)));
-    // Of one whose motors do not do as they are told the same would be said again.
     if gone_on(&checks) {
         bench.replace_device()?;
         let begun = bench.tick();
         let pushed = push(&mut bench, begun, most_n);
         checks.push(check("follows the next device engine", pushed));
     }
+    checks.push(check("says how fast it goes", motion::speeds(&bench.seen)));
     let late_ns = bench.late_ns;
     checks.push(check("stops when it is told", bench.stop()));
     Ok((checks, late_ns))

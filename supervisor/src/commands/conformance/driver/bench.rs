@@ -133,6 +133,13 @@ impl Bench {
         self.clock.present_tick()
     }
 
+    /// Where the tip was when a tick began, m, by the newest sample that was stamped until then.
+    pub fn position_m(&self, tick: u64) -> Option<[f32; 3]> {
+        let start_ns = self.clock.start_of(tick);
+        let until_then = self.seen.iter().rev().find(|seen| seen.sample.time_ns <= start_ns);
+        until_then.map(|seen| seen.sample.pose.position_m)
+    }
+
     /// For so many ticks: says in each what `command` makes of its number, nothing if that is nothing, and keeps the sample that is there.
     pub fn drive(&mut self, ticks: u64, mut command: impl FnMut(u64) -> Option<ForceCommand>) {
         system::become_fifo(PRIORITY); // without the right to it this program is late now and then, and says so

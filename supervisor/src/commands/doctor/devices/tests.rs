@@ -109,6 +109,22 @@ fn a_haptic_device_is_known_by_its_maker_and_a_driver_may_open_what_the_kernel_m
     assert_line(&said(&made)[1], "Weak haptic device: 3D Systems", &["usermod -aG dialout", "udevadm"]);
 }
 
+/// Whoever had the package had to type them all the same.
+#[test]
+fn the_packages_rules_open_every_device_that_is_known_to_who_sits_at_the_machine() {
+    let rules = include_str!("../../../../../assets/debian/70-hystation.rules");
+    let opens = |conditions: &[String]| {
+        let granted = rules.lines().filter(|line| line.ends_with(", TAG+=\"uaccess\""));
+        granted.filter(|line| conditions.iter().all(|condition| line.contains(condition.as_str()))).count() == 1
+    };
+    for (vendor, product, maker) in HAPTIC {
+        let product = product.map(|product| format!("ATTRS{{idProduct}}==\"{product}\""));
+        let conditions: Vec<String> = [format!("ATTRS{{idVendor}}==\"{vendor}\"")].into_iter().chain(product).collect();
+        assert!(opens(&conditions), "{maker}: {conditions:?}");
+    }
+    assert!(opens(&["KERNEL==\"event*\", ATTRS{id/vendor}==\"256f\"".to_string()]), "{rules}");
+}
+
 #[test]
 fn the_driver_of_the_service_is_the_one_that_its_last_command_names_and_it_must_do() {
     let made = MadeUp::new("service");

@@ -1,0 +1,105 @@
+//! What whoever trained is told at the end: where the report of their session is, or how they come by it. A session that came to its own end, of which the
+//! folder of its recording was named, has its page made beside that, before a service begins the next one.
+
+use super::order::Order;
+use crate::notify::Notifier;
+use crate::proc::own_program;
+use hyst_engine::Settings;
+use hyst_exchange::{Station, system};
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+/// How long a page may take, ns: an hour's took 8 to 11 s on two cores (docs/speed.md).
+const MOST_NS: u64 = 120_000_000_000;
+/// Between two looks whether it is there, ns.
+const LOOK_NS: u64 = 20_000_000;
+
+/// A case's session that was recorded.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Session {
+    recording: PathBuf,
+    /// Its page is to be made.
+    has_page: bool,
+}
+
+impl Session {
+    /// That of a station whose processes have ended and which is not removed yet; `is_over` if it came to its own end. A replay's is the recorded one's.
+    pub(super) fn of(station: &Station, order: &Order, is_over: bool) -> Option<Session> {
+        let settings: Settings = toml::from_str(&std::fs::read_to_string(station.settings()).ok()?).ok()?;
+        let is_played = settings.replay.is_none() && station.brief().exists();
+        let recording = settings.record.filter(|_| is_played)?;
+        let is_begun = std::fs::metadata(&recording).is_ok_and(|file| file.len() > 0);
+        is_begun.then_some(Session { recording, has_page: order.in_folder && is_over })
+    }
+
+    /// Makes the page, if it is to be made, and gives what is said of it.
+    pub(super) fn tell(&self, notifier: &mut Notifier) -> String {
+        let (file, page) = (self.recording.display(), self.recording.with_extension("html"));
+        if !self.has_page {
+            return format!("for the report of the session: hystation report {file} --html {}", page.display());
+        }
+        match make(&self.recording, &page, notifier) {
+            Ok(()) => format!("the report of the session is {}", page.display()),
+            Err(why) => {
+                format!("the report of the session was not made: {why}; try hystation report {file} --html {}", page.display())
+            }
+        }
+    }
+}
+
+/// By a process of its own, which may fail without anything else. A report of a recording that is not whole is one, too.
+fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), String> {
+    let mut command = own_program();
+    command.arg("report").arg(recording).arg("--html").arg(page);
+    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    let mut child = child.map_err(|error| error.to_string())?;
+    notifier.say(&format!("EXTEND_TIMEOUT_USEC={}\n", MOST_NS / 1_000));
+    let deadline_ns = system::now_ns() + MOST_NS;
+    while system::now_ns() < deadline_ns {
+        if let Ok(Some(status)) = child.try_wait() {
+            return if matches!(status.code(), Some(0 | 3)) { Ok(()) } else { Err(status.to_string()) };
+        }
+        notifier.watchdog(|| true);
+        system::sleep_ns(LOOK_NS);
+    }
+    let _ = child.kill(); // gone is as good
+    let _ = child.wait();
+    Err(format!("it took more than {} s", MOST_NS / 1_000_000_000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_engine::settings::Replay;
+
+    #[test]
+    fn of_a_recorded_case_it_is_said_how_it_went_and_of_nothing_else() {
+        let station = Station::named(&format!("t{}-session", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let file = std::env::temp_dir().join(format!("hystation-session-{}.mcap", std::process::id()));
+        let settings = Settings { record: Some(file.clone()), ..Settings::default() };
+        let lay = |settings: &Settings| std::fs::write(station.settings(), toml::to_string(settings).unwrap()).unwrap();
+        let [named, in_folder] = [false, true].map(|in_folder| Order { in_folder, ..Order::default() });
+        lay(&settings);
+        std::fs::write(&file, "ticks").unwrap();
+        assert_eq!(Session::of(&station, &in_folder, true), None, "it had no case");
+        std::fs::write(station.brief(), "{}").unwrap();
+        let found = [(&named, true), (&in_folder, false), (&in_folder, true)]
+            .map(|(order, is_over)| Session::of(&station, order, is_over));
+        let session = |has_page| Some(Session { recording: file.clone(), has_page });
+        assert_eq!(found, [session(false), session(false), session(true)]);
+        let told = session(false).unwrap().tell(&mut Notifier::of_environment());
+        assert!(
+            told.contains("hystation report ") && told.contains(&file.with_extension("html").display().to_string()),
+            "{told}"
+        );
+        lay(&Settings { replay: Some(Replay { begin_tick: 0, from_tick: 0, speed: 1.0 }), ..settings.clone() });
+        assert_eq!(Session::of(&station, &in_folder, true), None, "a replay's is the recorded one's");
+        lay(&settings);
+        std::fs::write(&file, "").unwrap();
+        assert_eq!(Session::of(&station, &in_folder, true), None, "nothing was recorded");
+        std::fs::remove_file(&file).unwrap();
+        station.wipe();
+    }
+}
