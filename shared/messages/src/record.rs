@@ -202,14 +202,6 @@ impl InputRecord {
     pub fn medium(&self) -> Medium {
         Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
     }
-
-    /// Whether somebody who has it from a stream can believe it at a tick: a force that a motor makes, a place that a tip has, and no tick to come.
-    pub fn can_be(&self, present: u64) -> bool {
-        let (pose, on_scope_n) = (&self.sample.pose, &self.on_scope_n);
-        self.tick <= present + MOST_AHEAD_TICKS
-            && self.command.force_n.iter().chain(on_scope_n).all(|newton| newton.abs() <= MOST_N)
-            && pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite())
-    }
 }
 
 /// How far ahead of the present a record may be: not at all, but for what passes between two looks at the clock.
@@ -326,6 +318,14 @@ impl AppliedRecord {
     /// What the tick's input says of the medium.
     pub fn medium(&self) -> Medium {
         Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
+    }
+
+    /// Whether somebody who has it from a stream can believe it at a tick: a force that a motor makes, a place that a tip has, and no tick to come.
+    pub fn can_be(&self, present: u64) -> bool {
+        let (pose, on_scope_n) = (&self.sample.pose, &self.on_scope_n);
+        self.tick <= present + MOST_AHEAD_TICKS
+            && self.command.force_n.iter().chain(on_scope_n).all(|newton| newton.abs() <= MOST_N)
+            && pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite())
     }
 }
 

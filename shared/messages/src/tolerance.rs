@@ -279,8 +279,7 @@ mod tests {
         let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(pushed, 0.0));
         assert!((found.ratio() - 1.5).abs() < 1e-6 && found.what == "force on the scope", "{found:?}");
         // One that knows of no vessels agrees where there is none, and nowhere else.
-        let [open, shut] =
-            [(1, 0), (0, 1)].map(|(open_vessels, sealed_vessels)| FluidStatus { open_vessels, sealed_vessels, ..good });
+        let (open, shut) = (FluidStatus { open_vessels: 1, ..good }, FluidStatus { sealed_vessels: 1, ..good });
         for (vessels, what) in [(open, "open vessels"), (shut, "coagulated vessels")] {
             let found = of(Kind::FluidState, &fluid(vessels, 0.0), &fluid(good, 0.0));
             assert_eq!((found.what, found.ratio()), (what, 2.0));
