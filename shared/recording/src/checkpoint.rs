@@ -4,7 +4,7 @@
 use crate::channels::{Channel, time_of_ns};
 use crate::decode::{States, json};
 use crate::error::ReadError;
-use crate::frame::{DATA_END_BYTES, Frame};
+use crate::frame::Frame;
 use crate::outline::{frame_of, has};
 use crate::reader::Reader;
 use crate::scan::Scan;
@@ -161,7 +161,7 @@ impl<R: Read + Seek> Reader<R> {
                         blocks.drain(..blocks.len().saturating_sub(BLOCKS));
                     }
                 }
-                op::DATA_END if frame.length == DATA_END_BYTES => break,
+                op::DATA_END => break,
                 _ => {}
             }
         }

@@ -6,7 +6,7 @@ use crate::Session;
 use crate::block::{Block, STATION};
 use crate::decode::{Raw, States, chunk};
 use crate::error::{ReadError, version};
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
+use crate::frame::{Frame, Walk, metadata};
 use crate::unpack::Unpacker;
 use hyst_messages::AppliedRecord;
 use mcap::records::op;
@@ -148,8 +148,8 @@ impl<R: Read + Seek> Reader<R> {
                 damaged(at, format!("is none; nothing can be read up to byte {}", frame.at));
             }
             match frame.opcode {
-                op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
-                op::DATA_END if frame.length == DATA_END_BYTES => self.ending = Some(self.close().map_err(&refused)?),
+                op::MESSAGE_INDEX => {}
+                op::DATA_END => self.ending = Some(self.close().map_err(&refused)?),
                 op::CHUNK | op::METADATA => {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
                     return Ok(Some(Raw { frame, body }));
@@ -201,17 +201,10 @@ impl<R: Read + Seek> Reader<R> {
         Ok(chunk(&mut self.unpacker, &body, States::Given))
     }
 
-    /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
-    fn is_index(&mut self, frame: &Frame) -> io::Result<bool> {
-        let head = self.walk.body(frame, INDEX_HEAD_BYTES)?;
-        let said = head.get(2..6).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
-        Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
-    }
-
     /// Goes through the summary to the footer, of whose records the heads are enough.
     fn close(&mut self) -> io::Result<Ending> {
         self.walk.read_ahead(0);
-        while let Some(frame) = self.walk.next()? {
+        while let Some(frame) = self.walk.next_of_summary()? {
             if frame.opcode == op::FOOTER {
                 let is_end = self.walk.length() - self.walk.at() == mcap::MAGIC.len() as u64;
                 return Ok(if is_end { Ending::Complete } else { Ending::Cut { at: frame.end() } });

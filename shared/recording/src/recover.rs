@@ -3,7 +3,7 @@
 
 use crate::block::{LOST, STATION, UNKEPT};
 use crate::channels::Channel;
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
+use crate::frame::{Frame, INDEX_HEAD_BYTES, Walk, metadata};
 use crate::summary::Contents;
 use crate::unpack::Unpacker;
 use crate::{Session, TickRange};
@@ -39,6 +39,8 @@ struct Whole {
     counts: BTreeMap<u16, u64>,
     frame: Frame,
     last_tick: Option<u64>,
+    /// Something that is damaged follows: the indexes behind that are another chunk's.
+    is_followed: bool,
 }
 
 /// Looks through a file; `None` if it is not MCAP.
@@ -53,7 +55,7 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
         match frame.opcode {
             op::HEADER => found.end = frame.end(),
             op::MESSAGE_INDEX => {
-                if let Some(chunk) = &mut open {
+                if let Some(chunk) = open.as_mut().filter(|chunk| !chunk.is_followed) {
                     index(&mut walk, &frame, chunk)?;
                 }
             }
@@ -65,8 +67,9 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
                 settle(&mut found, &mut last, open.take());
                 facts(&mut walk, &frame, &mut found)?;
             }
-            op::DATA_END if frame.length == DATA_END_BYTES => break,
-            _ => {} // damaged: what follows it counts
+            op::DATA_END => break,
+            // Damaged: what follows it counts.
+            _ => open.iter_mut().for_each(|chunk| chunk.is_followed = true),
         }
     }
     // The chunk at the end may have been cut between its indexes, which the frames do not show.
@@ -110,7 +113,7 @@ fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option
             uncompressed_size: word(16)?,
         })
     };
-    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None }))
+    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None, is_followed: false }))
 }
 
 fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
