@@ -173,11 +173,13 @@ fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
         std::fs::write(folder.file(name), bytes).unwrap();
         folder.file(name)
     };
-    // Another version: the value of the fact `format`, after its key and its length.
+    // Another version, wherever the file says of which it is: the value of the fact `format`, after its key and its length.
     let mut other = bytes.clone();
-    let key = other.windows(6).position(|window| window == b"format").unwrap();
-    assert_eq!(other[key + 10..key + 11], *hyst_recording::FORMAT.as_bytes());
-    other[key + 10] = b'9';
+    let fact = [&b"format\x01\0\0\0"[..], hyst_recording::FORMAT.as_bytes()].concat();
+    let said: Vec<usize> =
+        bytes.windows(fact.len()).enumerate().filter(|(_, window)| *window == fact).map(|(at, _)| at).collect();
+    assert_eq!(said.len(), 2, "at its head and at its end");
+    said.iter().for_each(|at| other[at + fact.len() - 1] = b'9');
     let cases = [
         (folder.file("missing.mcap"), "No such file"),
         (folder.0.clone(), "is not a file"),

@@ -269,7 +269,7 @@ fn a_recorded_hand_is_played_in_a_station_of_another_kind_and_what_is_no_recordi
     }
 }
 
-/// A copy of a recording that says that it is of another format, without what a recorder of that did not write.
+/// A copy of a recording that says that it is of another format, without what a recorder of that did not write: nor had it a checksum of its facts.
 fn of_format(from: &str, to: &str, format: &str, keep: impl Fn(&mut hyst_recording::Block)) {
     let mut reader = hyst_recording::Reader::open(Path::new(from)).unwrap();
     let mut writer = hyst_recording::Writer::open(Path::new(to), reader.session()).unwrap();
@@ -279,9 +279,14 @@ fn of_format(from: &str, to: &str, format: &str, keep: impl Fn(&mut hyst_recordi
     }
     writer.finish().unwrap();
     let mut bytes = std::fs::read(to).unwrap();
-    // The value of the fact `format`, after its key and its length.
-    let at = bytes.windows(6).position(|window| window == b"format").unwrap() + 10;
-    bytes[at] = format.as_bytes()[0];
+    // Of each fact the key, and the length of its value; wherever they stand.
+    for (fact, at, new) in [(&b"format\x01\0\0\0"[..], 10usize, format.as_bytes()[0]), (&b"\x03\0\0\0crc\x08\0\0\0"[..], 4, b'C')]
+    {
+        let found: Vec<usize> =
+            bytes.windows(fact.len()).enumerate().filter(|(_, window)| *window == fact).map(|(at, _)| at).collect();
+        assert!(found.len() > 1, "{fact:?} is there {} times", found.len());
+        found.iter().for_each(|begin| bytes[begin + at] = new);
+    }
     std::fs::write(to, bytes).unwrap();
 }
 
@@ -345,7 +350,7 @@ fn a_file_that_is_empty_or_no_recording_or_of_a_newer_version_is_refused_in_one_
     refused(&pipe, &["is not a file", give], false); // nobody will ever write into it
 
     of_format(&good, &new, "9", |_| {});
-    refused(&new, &["it is of format 9, and 1 to 4 are read", "a newer hystation wrote it", "install that one"], false);
+    refused(&new, &["it is of format 9, and 1 to 5 are read", "a newer hystation wrote it", "install that one"], false);
     of_format(&good, &first, "1", |block| {
         (block.steps, block.checkpoints, block.pictures, block.scene) = Default::default();
     });

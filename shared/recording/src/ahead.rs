@@ -20,7 +20,7 @@ const AHEAD_BYTES: usize = 4 << 20;
 /// Bytes that are read at once: what lies between the messages of two blocks has some ten thousand.
 const AT_ONCE_BYTES: usize = 16 << 10;
 
-type Decoded = Result<Block, String>;
+type Decoded = Result<Option<Block>, String>;
 
 /// A record that is to be decoded, and where to.
 struct Job {
@@ -89,7 +89,7 @@ impl<R: Read + Seek> Reader<R> {
             bytes -= next.bytes;
             self.note(next.before);
             match next.from.recv() {
-                Ok(Ok(block)) => take(block),
+                Ok(Ok(block)) => block.into_iter().for_each(&mut take),
                 Ok(Err(reason)) => self.note([Damage { at: next.at, reason }]),
                 Err(_) => return Ok(()),
             }

@@ -4,6 +4,7 @@
 use crate::again::{Input, Step};
 use crate::channels::{Channel, time_of_ns};
 use crate::checkpoint::{Checkpoint, CheckpointMessage};
+use crate::facts::sealed;
 use crate::fluid::Fluid;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tool};
 use crate::picture::{Picture, PictureMessage};
@@ -166,7 +167,7 @@ fn memory() -> Result<Memory, WriteError> {
 /// Magic, header and session facts: the first bytes of every recording, and the index of the facts.
 pub(crate) fn head(session: &Session) -> Result<(Vec<u8>, MetadataIndex), WriteError> {
     let mut writer = memory()?;
-    writer.write_metadata(&Metadata { name: STATION.into(), metadata: session.clone() }).map_err(WriteError::encode)?;
+    writer.write_metadata(&Metadata { name: STATION.into(), metadata: sealed(session) }).map_err(WriteError::encode)?;
     let summary = writer.finish().map_err(WriteError::encode)?;
     let index = summary.metadata_indexes.into_iter().next().ok_or(WriteError::Encode("no metadata index".into()))?;
     let mut bytes = writer.into_inner().into_inner();

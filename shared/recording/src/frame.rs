@@ -153,9 +153,9 @@ impl<R: Read + Seek> Walk<R> {
         Ok(None)
     }
 
-    /// Gives a record once more.
-    pub(crate) fn back_to(&mut self, frame: &Frame) {
-        self.at = frame.at;
+    /// Goes on with the record at a byte.
+    pub(crate) fn back_to(&mut self, at: u64) {
+        self.at = at;
     }
 
     /// Where the next record begins.

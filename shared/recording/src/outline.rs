@@ -87,8 +87,8 @@ impl<R: Read + Seek> Reader<R> {
         for metadata in index.metadata.iter().filter(|metadata| metadata.name == LOST) {
             let length = metadata.length.saturating_sub(HEAD_BYTES);
             let body = self.body(&Frame { at: metadata.offset, opcode: op::METADATA, length }, u64::MAX)?;
-            let Ok(block) = decode::lost(&body) else { return Ok(None) };
-            lost.extend(block.lost);
+            let Ok(block) = decode::noted(&body) else { return Ok(None) };
+            lost.extend(block.into_iter().flat_map(|block| block.lost));
         }
         Ok(Some(Outline { last_tick, lost }))
     }

@@ -3,10 +3,11 @@
 //! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
 
 use crate::Session;
-use crate::block::{Block, STATION};
+use crate::block::Block;
 use crate::decode::{Raw, States, chunk};
 use crate::error::{ReadError, version};
-use crate::frame::{Frame, Walk, metadata};
+use crate::facts;
+use crate::frame::{Frame, Walk};
 use crate::unpack::Unpacker;
 use hyst_messages::AppliedRecord;
 use mcap::records::op;
@@ -65,7 +66,8 @@ impl Reader<File> {
 }
 
 impl<R: Read + Seek> Reader<R> {
-    /// Reads from `source`; `path` is for messages.
+    /// Reads from `source`; `path` is for messages. Where the facts at the head are damaged, the first whole ones behind them are taken; where there are none,
+    /// they are taken as they are, and are damage.
     pub fn new(mut source: R, path: &Path) -> Result<Reader<R>, ReadError> {
         let refused = |source| ReadError::File { path: path.to_path_buf(), source };
         let foreign = |what: String| ReadError::Foreign { path: path.to_path_buf(), what };
@@ -74,22 +76,24 @@ impl<R: Read + Seek> Reader<R> {
             let empty = if length == 0 { ": it is empty, nothing was recorded in it" } else { "" };
             return Err(foreign(format!("is not an MCAP file{empty}")));
         };
-        let mut head = |opcode: u8, what: &str| match walk.next().map_err(refused)? {
-            Some(frame) if frame.opcode == opcode => walk.body(&frame, u64::MAX).map_err(refused),
-            Some(_) => Err(foreign(format!("{what}: it is of something else than a station"))),
-            None => Err(foreign(format!("{what}: it ends at byte {length}, before anything was recorded in it"))),
+        let (session, damage) = match facts::at_head(&mut walk).map_err(refused)? {
+            Ok((session, true)) => (session, None),
+            damaged => {
+                let again = facts::behind(&mut walk).map_err(refused)?;
+                facts::past_head(&mut walk).map_err(refused)?;
+                match (again, damaged) {
+                    (Some(session), _) => (session, None), // nothing is missing
+                    (None, Ok((session, _))) => (session, Some(Damage { at: facts::HEAD_AT, reason: facts::DAMAGED.into() })),
+                    (None, Err(what)) => return Err(foreign(what)),
+                }
+            }
         };
-        head(op::HEADER, "has no header")?;
-        let facts = metadata(&head(op::METADATA, "has no facts of a session")?).map_err(foreign)?;
-        if facts.name != STATION {
-            return Err(foreign(format!("is of something else than a station ({:?})", facts.name)));
-        }
-        version(path, &facts.metadata)?;
+        version(path, &session)?;
         Ok(Reader {
             walk,
             path: path.to_path_buf(),
-            session: facts.metadata,
-            damage: Vec::new(),
+            session,
+            damage: damage.into_iter().collect(),
             ending: None,
             unpacker: Unpacker::default(),
         })
@@ -123,7 +127,8 @@ impl<R: Read + Seek> Reader<R> {
             self.note(before);
             let Some(raw) = raw? else { return Ok(None) };
             match raw.decode(&mut self.unpacker, states) {
-                Ok(block) => return Ok(Some(block)),
+                Ok(Some(block)) => return Ok(Some(block)),
+                Ok(None) => {}
                 Err(reason) => self.note([Damage { at: raw.frame.at, reason }]),
             }
         }
@@ -187,7 +192,7 @@ impl<R: Read + Seek> Reader<R> {
 
     /// Gives a record once more, or one that is known to lie elsewhere.
     pub(crate) fn back_to(&mut self, frame: &Frame) {
-        self.walk.back_to(frame);
+        self.walk.back_to(frame.at);
     }
 
     /// Length of the file, bytes.

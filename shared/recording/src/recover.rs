@@ -3,6 +3,7 @@
 
 use crate::block::{LOST, STATION, UNKEPT};
 use crate::channels::Channel;
+use crate::facts::opened;
 use crate::frame::{Frame, INDEX_HEAD_BYTES, Walk, metadata};
 use crate::summary::Contents;
 use crate::unpack::Unpacker;
@@ -20,8 +21,10 @@ const INDEX_ENTRY_BYTES: u64 = 16;
 /// What was found.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
-    /// The session's facts; `None` if the file was cut before them.
+    /// The session's facts, the first that are whole; `None` if the file was cut before them.
     pub(crate) session: Option<Session>,
+    /// How often they are there as a whole.
+    pub(crate) facts: u64,
     /// The byte after the last whole block.
     pub(crate) end: u64,
     pub(crate) contents: Contents,
@@ -138,8 +141,13 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
         return Ok(());
     };
     found.contents.metadata.push(MetadataIndex { offset: frame.at, length: frame.end() - frame.at, name: record.name.clone() });
-    if record.name == STATION && found.session.is_none() {
-        found.session = Some(record.metadata);
+    if record.name == STATION {
+        let (session, is_whole) = opened(record.metadata);
+        if is_whole && found.facts == 0 {
+            found.session = None; // what was damaged
+        }
+        found.facts += u64::from(is_whole);
+        found.session.get_or_insert(session);
     } else if record.name == LOST || record.name == UNKEPT {
         let named = range(&record.metadata);
         found.lost += named.map_or(0, |range| range.count());

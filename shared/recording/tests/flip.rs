@@ -83,7 +83,7 @@ fn a_flipped_bit_in_an_opcode_or_a_length_costs_its_block_alone_and_whoever_goes
 #[test]
 fn what_follows_a_block_that_is_damaged_is_not_named_as_a_part_of_the_block_before() {
     let folder = Folder::new("flip-index");
-    let ends: Vec<usize> = [1u64, 4, 7].map(|first| write(&folder.file(), &[block(first..first + 3)]).bytes() as usize).into();
+    let ends = [1u64, 4, 7, 10].map(|first| write(&folder.file(), &[block(first..first + 3)]).bytes() as usize);
     let mut bytes = std::fs::read(folder.file()).unwrap();
     let named = |bytes: &[u8]| -> Vec<ChunkIndex> {
         std::fs::write(folder.file(), bytes).unwrap();
@@ -91,6 +91,7 @@ fn what_follows_a_block_that_is_damaged_is_not_named_as_a_part_of_the_block_befo
         mcap::Summary::read(&std::fs::read(folder.file()).unwrap()).unwrap().unwrap().chunk_indexes
     };
     let whole = named(&bytes);
-    bytes[ends[0]] ^= op::CHUNK ^ op::CHANNEL; // one bit
-    assert_eq!(named(&bytes), [whole[0].clone(), whole[2].clone()]);
+    assert_eq!(bytes[ends[1]], op::CHUNK);
+    bytes[ends[1]] ^= op::CHUNK ^ op::CHANNEL; // one bit
+    assert_eq!(named(&bytes), [0, 1, 3].map(|number: usize| whole[number].clone()));
 }
