@@ -31,7 +31,7 @@ const LAST_TRIES: usize = 2;
 const MAX_TICKS: usize = 60_000;
 /// Statuses and events that wait in memory, of each kind.
 const MAX_OTHERS: usize = 10_000;
-/// Checkpoints, and pictures, that wait in memory.
+/// Checkpoints, and what was judged with them, and pictures, that wait in memory.
 const MAX_CHECKPOINTS: usize = 4;
 const MAX_PICTURES: usize = 50;
 
@@ -304,6 +304,7 @@ fn drop_oldest(queue: &mut Block) {
     queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
     queue.processes.drain(..queue.processes.len().saturating_sub(MAX_OTHERS));
     queue.checkpoints.drain(..queue.checkpoints.len().saturating_sub(MAX_CHECKPOINTS));
+    queue.judged.drain(..queue.judged.len().saturating_sub(MAX_CHECKPOINTS));
     queue.pictures.drain(..queue.pictures.len().saturating_sub(MAX_PICTURES));
     queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
 }

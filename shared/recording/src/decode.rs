@@ -136,6 +136,7 @@ pub(crate) fn chunk(unpacker: &mut Unpacker, body: &[u8], states: States) -> Res
             Channel::Checkpoints => block.checkpoints.extend(checkpoint::read(data, states)?),
             Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
             Channel::Pictures => block.pictures.push(json::<PictureMessage>(data)?.picture()?),
+            Channel::Judged => block.judged.push(json(data)?),
             Channel::Scene => block.scene.push(json::<SceneMessage>(data)?.file()?),
         }
         Ok(())

@@ -19,6 +19,7 @@ mod error;
 mod facts;
 mod fluid;
 mod frame;
+mod judged;
 mod messages;
 mod outline;
 mod picture;
@@ -40,6 +41,7 @@ pub use block::{Block, Event, Level, SAID, TickRange};
 pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;
 pub use error::{ReadError, WriteError};
+pub use judged::Judged;
 pub use outline::{Outline, outline};
 pub use picture::{Picture, jpeg};
 pub use playback::{Moment, Playback};
@@ -58,5 +60,6 @@ pub type Session = std::collections::BTreeMap<String, String>;
 pub const FORMAT: &str = "5";
 
 /// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed; one of version 2 has no checkpoints, so
-/// that a replay of it begins at its beginning; one of version 3 has no pictures and no scene; one of version 4 has its facts once and without a checksum.
+/// that a replay of it begins at its beginning; one of version 3 has no pictures and no scene; one of version 4 has its facts once and
+/// without a checksum, and nothing of what its referee had judged.
 pub const READ_FORMATS: [&str; 5] = ["1", "2", "3", "4", FORMAT];

@@ -190,9 +190,14 @@ impl<R: Read + Seek> Reader<R> {
         self.walk.body(frame, most).map_err(|source| self.refused(source))
     }
 
-    /// Gives a record once more, or one that is known to lie elsewhere.
-    pub(crate) fn back_to(&mut self, frame: &Frame) {
-        self.walk.back_to(frame.at);
+    /// Where the next record begins.
+    pub(crate) fn next_at(&self) -> u64 {
+        self.walk.at()
+    }
+
+    /// Gives the record at a byte next.
+    pub(crate) fn back_to(&mut self, at: u64) {
+        self.walk.back_to(at);
     }
 
     /// Length of the file, bytes.

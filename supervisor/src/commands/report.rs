@@ -101,9 +101,13 @@ pub fn open(path: &Path) -> Result<Reader<Watched>, Refusal> {
     Reader::new(file, path).map_err(refused)
 }
 
+/// Threads that decode a recording.
+pub fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS))
+}
+
 fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<Assessment, Refusal> {
-    let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS));
-    let assessment = assess(reader, threads, row);
+    let assessment = assess(reader, threads(), row);
     if assessment.is_empty() {
         let missing = assessment.missing();
         let why = missing.first().map_or("nothing was recorded", String::as_str);
