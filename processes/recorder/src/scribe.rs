@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 /// Ticks in one block of the file.
-const BLOCK_TICKS: usize = 1_000;
+pub const BLOCK_TICKS: usize = 1_000;
 /// Between two looks whether the disk has answered, if nothing is given meanwhile, ns.
 const LOOK_NS: u64 = 50_000_000;
 

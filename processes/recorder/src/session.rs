@@ -17,7 +17,7 @@ use hyst_recording::{Event, SceneFile, Session, scene_files};
 use hyst_scene::SourceFile;
 
 /// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
-const LOOK_NS: u64 = 50_000_000;
+pub const LOOK_NS: u64 = 50_000_000;
 /// Shortest time between two looks, ns, however often the slots change.
 const REST_NS: u64 = 10_000_000;
 

@@ -5,13 +5,13 @@ use crate::channels::{Channel, time_of_ns};
 use crate::decode::{States, json};
 use crate::error::ReadError;
 use crate::frame::Frame;
-use crate::outline::{frame_of, has};
+use crate::outline::Place;
 use crate::reader::Reader;
 use crate::scan::Scan;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use hyst_messages::Role;
-use mcap::records::{ChunkIndex, op};
+use mcap::records::op;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::io::{Read, Seek};
@@ -104,8 +104,8 @@ impl<R: Read + Seek> Reader<R> {
     pub fn skip_to(&mut self, tick: u64) -> Result<(), ReadError> {
         let time_ns = time_of_ns(tick);
         let index = self.index()?;
-        if let Some(chunk) = index.iter().flat_map(|index| &index.chunks).find(|chunk| chunk.message_end_time >= time_ns) {
-            self.back_to(frame_of(chunk).at);
+        if let Some(chunk) = index.iter().flat_map(|index| &index.chunks).find(|chunk| chunk.last_ns >= time_ns) {
+            self.back_to(chunk.frame().at);
             return Ok(());
         }
         while let Some(frame) = self.next_frame()? {
@@ -135,9 +135,9 @@ impl<R: Read + Seek> Reader<R> {
     /// The last blocks that have something of a channel, which has something now and then, and begin up to a tick, in the file's order.
     pub(crate) fn blocks_with(&mut self, channel: Channel, up_to_tick: u64) -> Result<VecDeque<Frame>, ReadError> {
         if let Some(index) = self.index()? {
-            let begins = |chunk: &&ChunkIndex| chunk.message_start_time <= time_of_ns(up_to_tick);
-            let kept = index.chunks.iter().filter(begins).filter(|chunk| has(chunk, channel));
-            let mut newest_first: VecDeque<Frame> = kept.rev().take(BLOCKS).map(frame_of).collect();
+            let begins = |chunk: &&Place| chunk.first_ns <= time_of_ns(up_to_tick);
+            let kept = index.chunks.iter().filter(begins).filter(|chunk| chunk.has(channel));
+            let mut newest_first: VecDeque<Frame> = kept.rev().take(BLOCKS).map(Place::frame).collect();
             newest_first.make_contiguous().reverse();
             return Ok(newest_first);
         }

@@ -91,7 +91,7 @@ fn settle(found: &mut Found, last: &mut Option<Whole>, chunk: Option<Whole>) {
     for (id, count) in &chunk.counts {
         *found.contents.counts.entry(*id).or_insert(0) += count;
     }
-    found.contents.chunks.push(chunk.index.clone());
+    found.contents.add(&chunk.index);
     if chunk.last_tick.is_some() || last.is_none() {
         *last = Some(chunk);
     }

@@ -16,7 +16,7 @@ use mcap::records::MetadataIndex;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Ticks at the end of a predecessor's file about which it may not have asked the disk: as many as it writes between two times.
 const NEWEST_TICKS: u64 = 5_000;
@@ -145,7 +145,7 @@ impl Writer {
             return Ok(());
         }
         self.note()?;
-        if !self.is_repeated && !self.contents.chunks.is_empty() {
+        if !self.is_repeated && !self.contents.is_empty() {
             self.repeat()?;
         }
         let mut encoded = block::encode(block)?;
@@ -153,7 +153,7 @@ impl Writer {
         self.put(&encoded.bytes)?;
         block::move_chunk(&mut encoded.chunk, |offset| offset + base);
         encoded.metadata.iter_mut().for_each(|index| index.offset += base);
-        self.contents.chunks.push(encoded.chunk);
+        self.contents.add(&encoded.chunk);
         self.contents.metadata.append(&mut encoded.metadata);
         for (id, count) in encoded.counts {
             *self.contents.counts.entry(id).or_insert(0) += count;
@@ -263,22 +263,32 @@ impl Writer {
     }
 
     fn summarize(&mut self) -> Result<(), WriteError> {
-        let bytes = summary::encode(&self.contents, self.end);
-        self.put(&bytes)
+        let contents = std::mem::take(&mut self.contents);
+        let [before, behind] = summary::encode(&contents, self.end);
+        let put = self.put_all(&[&before, contents.chunk_indexes(), &behind]);
+        self.contents = contents;
+        put
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
-        let full = || WriteError::Full { path: self.disk.path.clone(), bytes: bytes.len() };
-        if self.end.saturating_add(bytes.len() as u64) > self.limit_bytes {
+        self.put_all(&[bytes])
+    }
+
+    /// Writes all parts one behind the other, or nothing.
+    fn put_all(&mut self, parts: &[&[u8]]) -> Result<(), WriteError> {
+        let bytes = parts.iter().map(|part| part.len()).sum::<usize>();
+        let full = || WriteError::Full { path: self.disk.path.clone(), bytes };
+        if self.end.saturating_add(bytes as u64) > self.limit_bytes {
             return Err(full());
         }
-        if let Err(source) = self.disk.file.write_all_at(bytes, self.end) {
+        let write = |at: u64, part: &&[u8]| self.disk.file.write_all_at(part, at).map(|()| at + part.len() as u64);
+        if let Err(source) = parts.iter().try_fold(self.end, write) {
             // The torn block goes. If even that fails, the next write begins at the same byte, and a reader stops before it.
             let _ = self.disk.file.set_len(self.end);
             let is_full = matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge);
             return Err(if is_full { full() } else { WriteError::Write { path: self.disk.path.clone(), source } });
         }
-        self.end += bytes.len() as u64;
+        self.end += bytes as u64;
         Ok(())
     }
 }
