@@ -6,7 +6,7 @@ use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, hystation, run};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
@@ -290,10 +290,10 @@ fn of_format(from: &str, to: &str, format: &str, keep: impl Fn(&mut hyst_recordi
     std::fs::write(to, bytes).unwrap();
 }
 
-/// What this process' stations have in shared memory and in the folder for what is temporary.
+/// What this process' stations have in shared memory and in the folders for what is temporary.
 fn traces(station: &str) -> Vec<String> {
-    let folders = [Path::new("/dev/shm").to_path_buf(), std::env::temp_dir()];
-    let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder).unwrap().flatten());
+    let folders = ["/dev/shm", "/var/tmp"].map(PathBuf::from).into_iter().chain([std::env::temp_dir()]);
+    let entries = folders.filter(|folder| folder.is_dir()).flat_map(|folder| std::fs::read_dir(folder).unwrap().flatten());
     let names = entries.map(|entry| entry.path().display().to_string());
     names.filter(|name| name.contains(&format!("-{station}"))).collect()
 }
