@@ -193,6 +193,9 @@ fn a_case_that_is_shown_from_a_time_on_is_judged_by_all_of_what_was_done_before_
     assert_eq!(code, Some(0), "{said}");
     let report: Value = serde_json::from_str(&report).unwrap();
     let lasted_s = report["case"]["ended"]["after_s"].as_f64().unwrap_or_else(|| panic!("it does not end: {}", report["case"]));
+    let kept = hyst_recording::Reader::open(Path::new(&file)).unwrap().judged(16_000).unwrap();
+    let tick = kept.expect("nothing is kept of what was judged").tick;
+    assert!((10_000..=16_000).contains(&tick), "a referee's {tick}: there is one every five seconds");
     let station = format!("j{}", std::process::id());
     let mut command = hystation();
     command.args(["--name", &station, "replay", &file, "--from", "16s", "--headless", "--set", "console_port=0"]);
