@@ -21,13 +21,16 @@ pub(crate) const DATA_END_BYTES: u64 = 4;
 
 /// What stands in the head of every chunk that a recorder writes, and where: the compression's name with its length.
 pub(crate) const COMPRESSION: &[u8] = b"\x04\0\0\0zstd";
-const COMPRESSION_AT: usize = HEAD_BYTES as usize + 28;
+const COMPRESSION_AT: usize = HEAD_BYTES as usize + COMPRESSION_IN_BODY as usize;
+/// Where it stands in the body: behind two times, size and checksum.
+const COMPRESSION_IN_BODY: u64 = 28;
 /// Bytes of a chunk's head, up to the blocks' messages: opcode and length, two times, size, checksum, compression, compressed size.
 const CHUNK_HEAD_BYTES: usize = COMPRESSION_AT + 16;
 /// Bytes of a record from which it is known: those of a chunk's head, or of a metadata record up to the length of its facts, whose name is a word.
 const LOOK_BYTES: usize = 64;
-/// Bytes of the length of a text, or of facts, before it.
+/// Bytes of the length of a text, or of facts, before it, and of a size.
 const TEXT_HEAD_BYTES: u64 = 4;
+const SIZE_BYTES: u64 = 8;
 /// Bytes in which the next chunk is looked for at once.
 const WINDOW_BYTES: usize = 1 << 20;
 
@@ -219,8 +222,16 @@ fn own_length(head: &[u8]) -> Option<u64> {
         let at = usize::try_from(HEAD_BYTES + at).ok()?;
         head.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes).map(u64::from)
     };
+    let size = |at: u64| {
+        let at = usize::try_from(HEAD_BYTES + at).ok()?;
+        head.get(at..at + 8)?.try_into().ok().map(u64::from_le_bytes)
+    };
     let length = match *head.first()? {
-        op::CHUNK => chunk_length(head),
+        // Of what is compressed, behind the compression's name, which is another where somebody has rewritten the file.
+        op::CHUNK => text_bytes(COMPRESSION_IN_BODY).and_then(|name| {
+            let before = COMPRESSION_IN_BODY + TEXT_HEAD_BYTES + name;
+            size(before)?.checked_add(before + SIZE_BYTES)
+        }),
         // Of its entries, behind the channel.
         op::MESSAGE_INDEX => text_bytes(INDEX_HEAD_BYTES - TEXT_HEAD_BYTES).map(|entries| INDEX_HEAD_BYTES + entries),
         // Profile and library; name and facts.

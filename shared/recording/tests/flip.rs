@@ -4,12 +4,14 @@
 #[allow(dead_code)] // each test file uses its part
 mod fixture;
 
-use fixture::{Folder, block, session, write};
+use fixture::{Folder, block, session, ticks, write};
 use hyst_messages::Role;
-use hyst_recording::{Checkpoint, Ending, Reader, TickRange, Writer};
+use hyst_recording::{Checkpoint, Ending, Reader, Recording, TickRange, Writer};
 use mcap::records::{ChunkIndex, op};
 use std::fs::OpenOptions;
+use std::io::Cursor;
 use std::os::unix::fs::FileExt;
+use std::path::Path;
 
 /// Blocks of the file, ticks of each, and the one that is hit: before it and behind it are some megabytes.
 const BLOCKS: u64 = 60;
@@ -17,6 +19,9 @@ const TICKS: u64 = 2;
 const HIT: u64 = 20;
 /// Bits of a record's opcode and length.
 const HEAD_BITS: usize = 72;
+/// Bytes of a chunk's body before its compression's name, and before what is compressed by one of four letters.
+const NAME_AT: usize = 28;
+const PACKED_AT: usize = 44;
 
 /// A state that no compression makes smaller.
 fn noise(seed: u64) -> Vec<u8> {
@@ -94,4 +99,32 @@ fn what_follows_a_block_that_is_damaged_is_not_named_as_a_part_of_the_block_befo
     assert_eq!(bytes[ends[1]], op::CHUNK);
     bytes[ends[1]] ^= op::CHUNK ^ op::CHANNEL; // one bit
     assert_eq!(named(&bytes), [0, 1, 3].map(|number: usize| whole[number].clone()));
+}
+
+#[test]
+fn a_file_whose_chunks_somebody_has_unpacked_is_read_as_ever() {
+    let folder = Folder::new("flip-unpacked");
+    drop(write(&folder.file(), &[block(1..4), block(4..7)]));
+    let bytes = std::fs::read(folder.file()).unwrap();
+    let word = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let (mut unpacked, mut at) = (mcap::MAGIC.to_vec(), mcap::MAGIC.len());
+    while at < bytes.len() {
+        let (body, end) = (at + 9, at + 9 + word(at + 1));
+        match bytes[at] {
+            op::MESSAGE_INDEX => {} // of another place
+            op::CHUNK => {
+                let records = zstd::bulk::decompress(&bytes[body + PACKED_AT..end], word(body + 16)).unwrap();
+                unpacked.push(op::CHUNK);
+                unpacked.extend(((NAME_AT + 4 + 8 + records.len()) as u64).to_le_bytes());
+                unpacked.extend(&bytes[body..body + NAME_AT]);
+                unpacked.extend(0u32.to_le_bytes()); // no name
+                unpacked.extend((records.len() as u64).to_le_bytes());
+                unpacked.extend(records);
+            }
+            _ => unpacked.extend(&bytes[at..end]),
+        }
+        at = end;
+    }
+    let recording = Recording::collect(Reader::new(Cursor::new(&unpacked), Path::new("memory")).unwrap()).unwrap();
+    assert_eq!((ticks(&recording), recording.damage.len()), ((1..7).collect::<Vec<_>>(), 0));
 }
