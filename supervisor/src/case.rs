@@ -2,6 +2,7 @@
 //! every engine and its successors draw the same. Whoever edits the case file meanwhile changes nothing.
 
 use crate::cli::RunArgs;
+use crate::commands::report;
 use crate::settings::Refusal;
 use hyst_assessment::judge_until;
 use hyst_exchange::Station;
@@ -104,8 +105,8 @@ pub fn with_scene(text: &str, scene: &Path) -> Option<String> {
 
 /// What the referee of a recorded session had kept at a tick, as JSON. It is computed by the brief of this run, by which its referee judges, too.
 fn judged_before(recording: &Path, brief: &Brief, tick: u64) -> Result<String, Refusal> {
-    let reader = crate::commands::report::open(recording)?;
-    let judge = judge_until(reader, brief, tick).map_err(|error| Refusal::input(error.to_string()))?;
+    let reader = report::open(recording)?;
+    let judge = judge_until(reader, brief, tick, report::threads()).map_err(|error| Refusal::input(error.to_string()))?;
     serde_json::to_string(&judge).map_err(|error| Refusal::failed(format!("what was judged before: {error}")))
 }
 

@@ -50,6 +50,10 @@ impl Refusal {
             _ => Refusal::input(message),
         }
     }
+    /// What came of it is lost.
+    pub fn lost(message: impl Into<String>) -> Refusal {
+        Refusal { code: 3, message: message.into() }
+    }
     /// It failed.
     pub fn failed(message: impl Into<String>) -> Refusal {
         Refusal { code: 1, message: message.into() }

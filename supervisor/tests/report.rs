@@ -164,6 +164,28 @@ fn a_recording_of_100_gb_is_reported_from_its_first_block_to_its_last_with_exit_
     assert_eq!((json["station"]["ticks"].as_u64(), json["length_s"].as_f64()), (Some(800), Some(0.8)));
 }
 
+/// Half a page was left of one that a disk was full for, in the place of the one before, and the exit code was 1.
+#[test]
+fn a_page_that_the_disk_does_not_take_is_not_there_and_the_one_before_is() {
+    let folder = Folder::new("full");
+    let session = folder.record("session.mcap", 3_001);
+    for kind in ["--html", "--json", "--csv"] {
+        let place = folder.file("given");
+        std::fs::write(&place, "the one before").unwrap();
+        // No file grows beyond half a kilobyte, as on a disk that has no more; whoever writes is told so, and not ended.
+        let mut command = Command::new("sh");
+        command.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_hystation"), "report"]);
+        let output = command.arg(&session).arg(kind).arg(&place).output().unwrap();
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{kind}: {said}");
+        assert!(said.contains("is the disk full?") && said.lines().count() == 1, "{kind}: {said}");
+        assert_eq!(folder.read("given"), "the one before", "{kind}");
+        assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 2, "{kind}: something is left beside it");
+    }
+    let output = report(&[&session, Path::new("--html"), Path::new("/dev/full")]);
+    assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+}
+
 #[test]
 fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
     let folder = Folder::new("bad");
@@ -173,11 +195,13 @@ fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
         std::fs::write(folder.file(name), bytes).unwrap();
         folder.file(name)
     };
-    // Another version: the value of the fact `format`, after its key and its length.
+    // Another version, wherever the file says of which it is: the value of the fact `format`, after its key and its length.
     let mut other = bytes.clone();
-    let key = other.windows(6).position(|window| window == b"format").unwrap();
-    assert_eq!(other[key + 10..key + 11], *hyst_recording::FORMAT.as_bytes());
-    other[key + 10] = b'9';
+    let fact = [&b"format\x01\0\0\0"[..], hyst_recording::FORMAT.as_bytes()].concat();
+    let said: Vec<usize> =
+        bytes.windows(fact.len()).enumerate().filter(|(_, window)| *window == fact).map(|(at, _)| at).collect();
+    assert_eq!(said.len(), 2, "at its head and at its end");
+    said.iter().for_each(|at| other[at + fact.len() - 1] = b'9');
     let cases = [
         (folder.file("missing.mcap"), "No such file"),
         (folder.0.clone(), "is not a file"),

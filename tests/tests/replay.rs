@@ -6,7 +6,7 @@ use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, hystation, run};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
@@ -193,6 +193,9 @@ fn a_case_that_is_shown_from_a_time_on_is_judged_by_all_of_what_was_done_before_
     assert_eq!(code, Some(0), "{said}");
     let report: Value = serde_json::from_str(&report).unwrap();
     let lasted_s = report["case"]["ended"]["after_s"].as_f64().unwrap_or_else(|| panic!("it does not end: {}", report["case"]));
+    let kept = hyst_recording::Reader::open(Path::new(&file)).unwrap().judged(16_000).unwrap();
+    let tick = kept.expect("nothing is kept of what was judged").tick;
+    assert!((10_000..=16_000).contains(&tick), "a referee's {tick}: there is one every five seconds");
     let station = format!("j{}", std::process::id());
     let mut command = hystation();
     command.args(["--name", &station, "replay", &file, "--from", "16s", "--headless", "--set", "console_port=0"]);
@@ -269,7 +272,7 @@ fn a_recorded_hand_is_played_in_a_station_of_another_kind_and_what_is_no_recordi
     }
 }
 
-/// A copy of a recording that says that it is of another format, without what a recorder of that did not write.
+/// A copy of a recording that says that it is of another format, without what a recorder of that did not write: nor had it a checksum of its facts.
 fn of_format(from: &str, to: &str, format: &str, keep: impl Fn(&mut hyst_recording::Block)) {
     let mut reader = hyst_recording::Reader::open(Path::new(from)).unwrap();
     let mut writer = hyst_recording::Writer::open(Path::new(to), reader.session()).unwrap();
@@ -279,16 +282,21 @@ fn of_format(from: &str, to: &str, format: &str, keep: impl Fn(&mut hyst_recordi
     }
     writer.finish().unwrap();
     let mut bytes = std::fs::read(to).unwrap();
-    // The value of the fact `format`, after its key and its length.
-    let at = bytes.windows(6).position(|window| window == b"format").unwrap() + 10;
-    bytes[at] = format.as_bytes()[0];
+    // Of each fact the key, and the length of its value; wherever they stand.
+    for (fact, at, new) in [(&b"format\x01\0\0\0"[..], 10usize, format.as_bytes()[0]), (&b"\x03\0\0\0crc\x08\0\0\0"[..], 4, b'C')]
+    {
+        let found: Vec<usize> =
+            bytes.windows(fact.len()).enumerate().filter(|(_, window)| *window == fact).map(|(at, _)| at).collect();
+        assert!(found.len() > 1, "{fact:?} is there {} times", found.len());
+        found.iter().for_each(|begin| bytes[begin + at] = new);
+    }
     std::fs::write(to, bytes).unwrap();
 }
 
-/// What this process' stations have in shared memory and in the folder for what is temporary.
+/// What this process' stations have in shared memory and in the folders for what is temporary.
 fn traces(station: &str) -> Vec<String> {
-    let folders = [Path::new("/dev/shm").to_path_buf(), std::env::temp_dir()];
-    let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder).unwrap().flatten());
+    let folders = ["/dev/shm", "/var/tmp"].map(PathBuf::from).into_iter().chain([std::env::temp_dir()]);
+    let entries = folders.filter(|folder| folder.is_dir()).flat_map(|folder| std::fs::read_dir(folder).unwrap().flatten());
     let names = entries.map(|entry| entry.path().display().to_string());
     names.filter(|name| name.contains(&format!("-{station}"))).collect()
 }
@@ -345,7 +353,7 @@ fn a_file_that_is_empty_or_no_recording_or_of_a_newer_version_is_refused_in_one_
     refused(&pipe, &["is not a file", give], false); // nobody will ever write into it
 
     of_format(&good, &new, "9", |_| {});
-    refused(&new, &["it is of format 9, and 1 to 4 are read", "a newer hystation wrote it", "install that one"], false);
+    refused(&new, &["it is of format 9, and 1 to 5 are read", "a newer hystation wrote it", "install that one"], false);
     of_format(&good, &first, "1", |block| {
         (block.steps, block.checkpoints, block.pictures, block.scene) = Default::default();
     });

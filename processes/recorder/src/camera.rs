@@ -7,7 +7,7 @@ use hyst_assessment::Judge;
 use hyst_engine::Life;
 use hyst_exchange::system;
 use hyst_messages::page::recorder as layout;
-use hyst_recording::{Block, Picture};
+use hyst_recording::{Block, Judged, Picture};
 
 /// For so long a picture is asked for, ns: one that comes later shows something else.
 const PATIENCE_NS: u64 = 3_000_000_000;
@@ -61,6 +61,11 @@ impl Camera {
             self.taken += 1;
             block.pictures.push(Picture { tick, event_tick: wanted.tick, words: wanted.words.join("; "), jpeg });
         }
+    }
+
+    /// What the session's case has come to, by all that was looked at.
+    pub fn judged(&self) -> Option<Judged> {
+        self.moments.judged()
     }
 
     fn want(&mut self, life: &Life, tick: u64, words: String) {

@@ -12,6 +12,9 @@ use std::path::Path;
 
 /// Time between two blocks, ns: what a kill may leave to the successor, who finds it in the device's ring of 4 s.
 const INTERVAL_NS: u64 = 200_000_000;
+/// The same in a recording that is longer than so many ticks, an hour, whose summary names each block: a third of what one on probation may be silent for.
+const LONG_INTERVAL_NS: u64 = 500_000_000;
+const LONG_TICKS: u64 = 3_600_000;
 /// Time between two tries on a full disk, ns.
 const RETRY_NS: u64 = 1_000_000_000;
 /// Between two looks whether the file is open, or was looked through, ns.
@@ -31,7 +34,7 @@ const LAST_TRIES: usize = 2;
 const MAX_TICKS: usize = 60_000;
 /// Statuses and events that wait in memory, of each kind.
 const MAX_OTHERS: usize = 10_000;
-/// Checkpoints, and pictures, that wait in memory.
+/// Checkpoints, and what was judged with them, and pictures, that wait in memory.
 const MAX_CHECKPOINTS: usize = 4;
 const MAX_PICTURES: usize = 50;
 
@@ -139,7 +142,7 @@ impl Keeper {
         if self.scribe.is_busy() && time_ns > self.given_ns + STILL_NS {
             self.complain(life, "the disk takes nothing; what is to be recorded waits in memory, for a minute at most");
         } else if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
-            (self.given_ns, self.next_write_ns) = (time_ns, time_ns + INTERVAL_NS);
+            (self.given_ns, self.next_write_ns) = (time_ns, time_ns + interval_ns(self.scribe.file.ticks));
             self.scribe.write(std::mem::take(&mut self.queue));
         }
         drop_oldest(&mut self.queue);
@@ -268,6 +271,11 @@ impl Missed {
     }
 }
 
+/// Time between two blocks of a recording of so many ticks, ns.
+fn interval_ns(ticks: u64) -> u64 {
+    if ticks > LONG_TICKS { LONG_INTERVAL_NS } else { INTERVAL_NS }
+}
+
 /// The newest tick that the device has for a recorder; 0 if there is none.
 fn newest_tick(life: &Life) -> u64 {
     let devices = life.clock.occupied(Role::Device);
@@ -304,6 +312,7 @@ fn drop_oldest(queue: &mut Block) {
     queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
     queue.processes.drain(..queue.processes.len().saturating_sub(MAX_OTHERS));
     queue.checkpoints.drain(..queue.checkpoints.len().saturating_sub(MAX_CHECKPOINTS));
+    queue.judged.drain(..queue.judged.len().saturating_sub(MAX_CHECKPOINTS));
     queue.pictures.drain(..queue.pictures.len().saturating_sub(MAX_PICTURES));
     queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
 }
@@ -322,6 +331,14 @@ mod tests {
         drop_oldest(&mut queue);
         assert_eq!((queue.applied.len(), queue.applied[0].tick), (MAX_TICKS, 8));
         assert_eq!(queue.lost, [TickRange { first: 1, last: 7 }]);
+    }
+
+    /// Each block is named in the summary, which is there as long as the recording goes on: a day of it grew as fast as its first hour.
+    #[test]
+    fn a_long_recording_has_fewer_blocks_each_of_which_fits_in_one_and_in_the_ring() {
+        assert_eq!([0, LONG_TICKS, LONG_TICKS + 1, u64::MAX].map(interval_ns), [200, 200, 500, 500].map(|ms| ms * 1_000_000));
+        let longest_ticks = (LONG_INTERVAL_NS + crate::session::LOOK_NS) / hyst_messages::TICK_NS;
+        assert!(longest_ticks <= crate::scribe::BLOCK_TICKS as u64 && 4 * longest_ticks <= RING_TICKS, "{longest_ticks}");
     }
 
     /// A long recording without its scene was walked through to its end without a sign of life, and its recorder was ended for it.

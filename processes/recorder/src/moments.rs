@@ -3,7 +3,7 @@
 
 use hyst_assessment::Judge;
 use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, TissueStatus};
-use hyst_recording::Block;
+use hyst_recording::{Block, Judged};
 
 /// One cut after another is one as long as less than this lies between them, ticks.
 const CALM_TICKS: u64 = 5_000;
@@ -44,6 +44,11 @@ impl Moments {
         let told = judge.as_ref().map_or(0, |judge| judge.told.len());
         let has_ended = judge.as_ref().is_some_and(|judge| judge.ended.is_some());
         Moments { judge, decided, told, has_ended, tissue: None, fluid: None, cut_tick: None }
+    }
+
+    /// What its referee has judged so far, for whoever goes on from here; `None` without a case, or before the first tick.
+    pub fn judged(&self) -> Option<Judged> {
+        self.judge.as_ref()?.kept(self.tissue.map_or(0, |status| status.state_tick))
     }
 
     /// Gives what happened in that part of a block that is behind the mark: when, and in words.
@@ -89,6 +94,9 @@ impl Moments {
     }
 
     fn tissue(&mut self, status: &TissueStatus, moments: &mut Vec<(u64, String)>) {
+        if self.tissue.is_some_and(|newest| status.state_tick < newest.state_tick) {
+            return; // of a holder that was followed by another one: no report counts it
+        }
         if let Some(judge) = &mut self.judge {
             judge.tissue(status);
         }
@@ -128,15 +136,19 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    /// A case with two goals and a warning, which is over after half a second.
     fn judge() -> Judge {
+        Judge::read(&brief()).unwrap()
+    }
+
+    /// A case with two goals and a warning, which is over after half a second.
+    fn brief() -> String {
         let brief = json!({
             "name": "a case", "rung": "polyp", "task": "Do it.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
             "goals": [{ "words": "a part", "is": { "removed": 0.5 } }, { "words": "all", "is": { "removed": 2.0 } }],
             "end": { "goals": true, "time_s": 0.5, "deficit_ml": null, "bled_ml": null, "perforation": false },
             "warnings": [{ "words": "too hard", "is": { "force_above": 1.0 } }],
         });
-        Judge::read(&brief.to_string()).unwrap()
+        brief.to_string()
     }
 
     fn ticks(range: std::ops::Range<u64>) -> Vec<AppliedRecord> {
@@ -204,6 +216,25 @@ mod tests {
             Moments::after(None).take(&block, Mark::default()),
             &[(60, "notice of the pump: container change"), (90, "alarm of the pump: deficit")],
         );
+    }
+
+    #[test]
+    fn what_is_kept_of_the_referee_is_as_much_as_it_has_seen_and_another_goes_on_from_it() {
+        let [first, second] = blocks();
+        let mut moments = Moments::after(Some(judge()));
+        assert_eq!(moments.judged(), None, "before its first tick");
+        moments.take(&first, Mark::default());
+        let kept = moments.judged().unwrap();
+        assert_eq!((kept.tick, kept.tissue_tick), (249, 150));
+        let mut next = Moments::after(Some(Judge::resume(&brief(), Some(&kept.judge)).unwrap()));
+        assert_eq!(next.take(&second, Mark::default()), moments.take(&second, Mark::default()));
+        assert_eq!(next.judged().map(|judged| judged.judge), moments.judged().map(|judged| judged.judge));
+        // One of before that comes late, of a holder that was followed by another.
+        let late = Block { tissue: vec![tissue(140, 2.0, 0, 5)], ..Block::default() };
+        let known = moments.judged();
+        told(moments.take(&late, Mark::default()), &[]);
+        assert_eq!(moments.judged(), known);
+        assert_eq!(Moments::after(None).judged(), None);
     }
 
     #[test]

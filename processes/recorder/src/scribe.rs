@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 /// Ticks in one block of the file.
-const BLOCK_TICKS: usize = 1_000;
+pub const BLOCK_TICKS: usize = 1_000;
 /// Between two looks whether the disk has answered, if nothing is given meanwhile, ns.
 const LOOK_NS: u64 = 50_000_000;
 
@@ -228,6 +228,7 @@ fn append(writer: &mut Writer, block: Block) -> Written {
 fn parts(mut block: Block) -> VecDeque<Block> {
     let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.lost));
     let (checkpoints, pictures, scene) = (take(&mut block.checkpoints), take(&mut block.pictures), take(&mut block.scene));
+    let judged = take(&mut block.judged);
     let mut parts = VecDeque::new();
     while block.applied.len() > BLOCK_TICKS {
         let rest = Block { applied: block.applied.split_off(BLOCK_TICKS), ..Block::default() };
@@ -236,6 +237,7 @@ fn parts(mut block: Block) -> VecDeque<Block> {
     (block.events, block.processes, block.lost) = noted;
     parts.push_back(block);
     parts.extend(checkpoints.into_iter().map(|checkpoint| Block { checkpoints: vec![checkpoint], ..Block::default() }));
+    parts.extend(judged.into_iter().map(|judged| Block { judged: vec![judged], ..Block::default() }));
     parts.extend(scene.into_iter().map(|file| Block { scene: vec![file], ..Block::default() }));
     parts.extend(pictures.into_iter().map(|picture| Block { pictures: vec![picture], ..Block::default() }));
     parts

@@ -17,7 +17,7 @@ use hyst_recording::{Event, SceneFile, Session, scene_files};
 use hyst_scene::SourceFile;
 
 /// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
-const LOOK_NS: u64 = 50_000_000;
+pub const LOOK_NS: u64 = 50_000_000;
 /// Shortest time between two looks, ns, however often the slots change.
 const REST_NS: u64 = 10_000_000;
 
@@ -58,7 +58,11 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
         before = Some(look);
         let newest = keeper.queue.applied.last().map(|record| record.tick).or(keeper.last_tick());
-        keeper.queue.checkpoints.extend(kept.take(&life.station, life.tick()));
+        let states = kept.take(&life.station, life.tick());
+        if !states.is_empty() {
+            keeper.queue.judged.extend(camera.judged());
+        }
+        keeper.queue.checkpoints.extend(states);
         keeper.queue.processes.extend(statistics.take(life));
         // Who is followed by another leaves it what comes after its last tick.
         said.take(if life.clock.stop_requested() { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);

@@ -17,6 +17,8 @@ use std::io::{Read, Seek};
 
 /// Most pictures that are shown; a recorder takes as many.
 const MOST_PICTURES: usize = 200;
+/// A status comes to the recorder at most so long after its tick, ticks: a fluid's step takes some tens.
+const LATE_TICKS: u64 = 1_000;
 
 /// What is summed up.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -83,25 +85,37 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
     }
 }
 
-/// What a referee that has seen a recording from its beginning up to a tick says of it: what one goes on from that sees it from there on alone. It stops
-/// reading there, or where the session is over.
+/// What a referee that has seen a recording from its beginning up to a tick says of it: what one goes on from that sees it from there on alone. It goes on from
+/// what the recorder kept of one by then, where that is there and of this case, has so many threads decode what is to be read, and stops there, or where the
+/// session is over.
 ///
 /// # Errors
 /// Why the recording cannot be read up to there.
-pub fn judge_until<R: Read + Seek>(mut reader: Reader<R>, brief: &Brief, last_tick: u64) -> Result<Judge, ReadError> {
+pub fn judge_until<R: Read + Seek>(
+    mut reader: Reader<R>,
+    brief: &Brief,
+    last_tick: u64,
+    threads: usize,
+) -> Result<Judge, ReadError> {
     let mut measured = Measured { judge: Some(Judge::new(brief.clone())), ..Measured::default() };
-    let (mut rows, mut is_there) = (Rows::default(), false);
-    while !is_there
-        && !measured.is_over()
-        && let Some(mut block) = reader.next_block()?
-    {
-        is_there = block.applied.last().is_some_and(|record| record.tick >= last_tick);
+    let kept = reader.judged(last_tick)?;
+    if let Some((judge, kept)) = kept.and_then(|kept| Some((Judge::of_kept(&kept, brief)?, kept))) {
+        // What it has seen it does not take again.
+        reader.skip_to(kept.tick.saturating_sub(LATE_TICKS))?;
+        measured.judge = Some(judge);
+        measured.latest.0 = Some(TissueStatus { state_tick: kept.tissue_tick, ..TissueStatus::default() });
+    }
+    let mut rows = Rows::default();
+    let mut take = |mut block: Block| {
+        let is_there = block.applied.last().is_some_and(|record| record.tick >= last_tick);
         block.applied.retain(|record| record.tick <= last_tick);
         block.tissue.retain(|status| status.state_tick <= last_tick);
         block.fluid.retain(|status| status.state_tick <= last_tick);
         block.pictures.clear(); // nobody looks at them
         measured.take(block, &mut rows, &mut |_: &Row| {});
-    }
+        !is_there && !measured.is_over()
+    };
+    reader.each_block_while(threads, &mut take)?;
     Ok(measured.judge.unwrap_or_else(|| Judge::new(brief.clone())))
 }
 

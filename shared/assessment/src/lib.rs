@@ -21,6 +21,7 @@ mod force;
 mod in_view;
 mod json;
 mod judge;
+mod kept;
 mod markup;
 mod medium;
 mod metric;

@@ -20,7 +20,7 @@ const AHEAD_BYTES: usize = 4 << 20;
 /// Bytes that are read at once: what lies between the messages of two blocks has some ten thousand.
 const AT_ONCE_BYTES: usize = 16 << 10;
 
-type Decoded = Result<Block, String>;
+type Decoded = Result<Option<Block>, String>;
 
 /// A record that is to be decoded, and where to.
 struct Job {
@@ -41,10 +41,20 @@ impl<R: Read + Seek> Reader<R> {
     /// Gives every block to `take` in the file's order, but for the states in it, whatever the number of threads that decode them. After an error everything
     /// before it was given.
     pub fn each_block(&mut self, threads: usize, mut take: impl FnMut(Block)) -> Result<(), ReadError> {
+        self.each_block_while(threads, |block| {
+            take(block);
+            true
+        })
+    }
+
+    /// The same up to the block for which `take` says `false`; what may have been read behind it is not told.
+    pub fn each_block_while(&mut self, threads: usize, mut take: impl FnMut(Block) -> bool) -> Result<(), ReadError> {
         self.read_ahead(AT_ONCE_BYTES);
         if threads <= 1 {
             while let Some(block) = self.next_with(States::Checked)? {
-                take(block);
+                if !take(block) {
+                    break;
+                }
             }
             return Ok(());
         }
@@ -64,8 +74,8 @@ impl<R: Read + Seek> Reader<R> {
         })
     }
 
-    /// Reads the file, has its blocks decoded, and gives them in its order. It ends early if nobody decodes any more.
-    fn hand_out(&mut self, jobs: Sender<Job>, mut take: impl FnMut(Block)) -> Result<(), ReadError> {
+    /// Reads the file, has its blocks decoded, and gives them in its order. It ends early if nobody wants more, or nobody decodes any more.
+    fn hand_out(&mut self, jobs: Sender<Job>, mut take: impl FnMut(Block) -> bool) -> Result<(), ReadError> {
         let (mut awaited, mut bytes) = (VecDeque::<Awaited>::new(), 0);
         let mut end = None;
         loop {
@@ -89,7 +99,11 @@ impl<R: Read + Seek> Reader<R> {
             bytes -= next.bytes;
             self.note(next.before);
             match next.from.recv() {
-                Ok(Ok(block)) => take(block),
+                Ok(Ok(block)) => {
+                    if !block.is_none_or(&mut take) {
+                        return Ok(());
+                    }
+                }
                 Ok(Err(reason)) => self.note([Damage { at: next.at, reason }]),
                 Err(_) => return Ok(()),
             }

@@ -4,7 +4,9 @@
 use crate::again::{Input, Step};
 use crate::channels::{Channel, time_of_ns};
 use crate::checkpoint::{Checkpoint, CheckpointMessage};
+use crate::facts::sealed;
 use crate::fluid::Fluid;
+use crate::judged::Judged;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tool};
 use crate::picture::{Picture, PictureMessage};
 use crate::process::{Process, ProcessSpell};
@@ -104,6 +106,8 @@ pub struct Block {
     pub events: Vec<Event>,
     /// States of tissue and fluid.
     pub checkpoints: Vec<Checkpoint>,
+    /// What a referee had judged.
+    pub judged: Vec<Judged>,
     /// What the processes did.
     pub processes: Vec<ProcessSpell>,
     /// What was seen when something happened.
@@ -123,6 +127,7 @@ impl Block {
             && self.fluid.is_empty()
             && self.events.is_empty()
             && self.checkpoints.is_empty()
+            && self.judged.is_empty()
             && self.processes.is_empty()
             && self.pictures.is_empty()
             && self.scene.is_empty()
@@ -137,6 +142,7 @@ impl Block {
         before.fluid.append(&mut self.fluid);
         before.events.append(&mut self.events);
         before.checkpoints.append(&mut self.checkpoints);
+        before.judged.append(&mut self.judged);
         before.processes.append(&mut self.processes);
         before.pictures.append(&mut self.pictures);
         before.scene.append(&mut self.scene);
@@ -166,7 +172,7 @@ fn memory() -> Result<Memory, WriteError> {
 /// Magic, header and session facts: the first bytes of every recording, and the index of the facts.
 pub(crate) fn head(session: &Session) -> Result<(Vec<u8>, MetadataIndex), WriteError> {
     let mut writer = memory()?;
-    writer.write_metadata(&Metadata { name: STATION.into(), metadata: session.clone() }).map_err(WriteError::encode)?;
+    writer.write_metadata(&Metadata { name: STATION.into(), metadata: sealed(session) }).map_err(WriteError::encode)?;
     let summary = writer.finish().map_err(WriteError::encode)?;
     let index = summary.metadata_indexes.into_iter().next().ok_or(WriteError::Encode("no metadata index".into()))?;
     let mut bytes = writer.into_inner().into_inner();
@@ -220,6 +226,9 @@ impl Pen {
         }
         for checkpoint in &block.checkpoints {
             self.put(Channel::Checkpoints, checkpoint.tick, &CheckpointMessage::of(checkpoint))?;
+        }
+        for judged in &block.judged {
+            self.put(Channel::Judged, judged.tick, judged)?;
         }
         for spell in &block.processes {
             self.put(Channel::Processes, spell.tick, &Process::of(spell))?;

@@ -30,11 +30,13 @@ pub enum Channel {
     Pictures = 11,
     /// The files of the scene, once.
     Scene = 12,
+    /// What a referee had judged of the session's case when checkpoints were kept.
+    Judged = 13,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 12] = [
+    pub const ALL: [Channel; 13] = [
         Channel::Tool,
         Channel::Force,
         Channel::Controls,
@@ -47,6 +49,7 @@ impl Channel {
         Channel::Processes,
         Channel::Pictures,
         Channel::Scene,
+        Channel::Judged,
     ];
 
     /// The topic.
@@ -64,6 +67,7 @@ impl Channel {
             Channel::Processes => "/processes",
             Channel::Pictures => "/pictures",
             Channel::Scene => "/scene",
+            Channel::Judged => "/judged",
         }
     }
 
@@ -82,6 +86,7 @@ impl Channel {
             Channel::Processes => "hyst.Process",
             Channel::Pictures => "foxglove.CompressedImage",
             Channel::Scene => "hyst.SceneFile",
+            Channel::Judged => "hyst.Judged",
         }
     }
 

@@ -4,20 +4,20 @@
 use crate::channels::{Channel, time_of_ns};
 use crate::decode::{States, json};
 use crate::error::ReadError;
-use crate::frame::{DATA_END_BYTES, Frame};
-use crate::outline::{frame_of, has};
+use crate::frame::Frame;
+use crate::outline::Place;
 use crate::reader::Reader;
 use crate::scan::Scan;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use hyst_messages::Role;
-use mcap::records::{ChunkIndex, op};
+use mcap::records::op;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::io::{Read, Seek};
 use std::path::Path;
 
-/// Blocks with checkpoints that are looked into from the newest back: one that is damaged costs its interval.
+/// Blocks with checkpoints, or with what was judged, that are looked into from the newest back: one that is damaged costs its interval.
 const BLOCKS: usize = 8;
 /// Blocks that begin later than what is sought, after which the search ends.
 const LATER: usize = 64;
@@ -104,13 +104,13 @@ impl<R: Read + Seek> Reader<R> {
     pub fn skip_to(&mut self, tick: u64) -> Result<(), ReadError> {
         let time_ns = time_of_ns(tick);
         let index = self.index()?;
-        if let Some(chunk) = index.iter().flat_map(|index| &index.chunks).find(|chunk| chunk.message_end_time >= time_ns) {
-            self.back_to(&frame_of(chunk));
+        if let Some(chunk) = index.iter().flat_map(|index| &index.chunks).find(|chunk| chunk.last_ns >= time_ns) {
+            self.back_to(chunk.frame().at);
             return Ok(());
         }
         while let Some(frame) = self.next_frame()? {
             if frame.opcode == op::CHUNK && self.times(&frame)?.1 >= time_ns {
-                self.back_to(&frame);
+                self.back_to(frame.at);
                 return Ok(());
             }
         }
@@ -119,7 +119,7 @@ impl<R: Read + Seek> Reader<R> {
 
     fn checkpoints(&mut self, up_to_tick: u64) -> Result<Vec<Checkpoint>, ReadError> {
         let mut newest: Vec<Checkpoint> = Vec::new();
-        for frame in self.blocks_with_checkpoints(up_to_tick)? {
+        for frame in self.blocks_with(Channel::Checkpoints, up_to_tick)? {
             let Ok(block) = self.block_at(&frame)? else { continue }; // damaged: an older one serves
             for found in block.checkpoints.into_iter().filter(|found| found.tick <= up_to_tick) {
                 match newest.iter_mut().find(|known| known.role == found.role) {
@@ -132,12 +132,12 @@ impl<R: Read + Seek> Reader<R> {
         Ok(newest)
     }
 
-    /// The last blocks that have a checkpoint and begin up to a tick, in the file's order.
-    fn blocks_with_checkpoints(&mut self, up_to_tick: u64) -> Result<VecDeque<Frame>, ReadError> {
+    /// The last blocks that have something of a channel, which has something now and then, and begin up to a tick, in the file's order.
+    pub(crate) fn blocks_with(&mut self, channel: Channel, up_to_tick: u64) -> Result<VecDeque<Frame>, ReadError> {
         if let Some(index) = self.index()? {
-            let begins = |chunk: &&ChunkIndex| chunk.message_start_time <= time_of_ns(up_to_tick);
-            let kept = index.chunks.iter().filter(begins).filter(|chunk| has(chunk, Channel::Checkpoints));
-            let mut newest_first: VecDeque<Frame> = kept.rev().take(BLOCKS).map(frame_of).collect();
+            let begins = |chunk: &&Place| chunk.first_ns <= time_of_ns(up_to_tick);
+            let kept = index.chunks.iter().filter(begins).filter(|chunk| chunk.has(channel));
+            let mut newest_first: VecDeque<Frame> = kept.rev().take(BLOCKS).map(Place::frame).collect();
             newest_first.make_contiguous().reverse();
             return Ok(newest_first);
         }
@@ -155,13 +155,13 @@ impl<R: Read + Seek> Reader<R> {
                 op::CHUNK => chunk = Some(frame),
                 op::MESSAGE_INDEX => {
                     let head = self.body(&frame, CHANNEL_BYTES)?;
-                    let is_kept = head[..] == (Channel::Checkpoints as u16).to_le_bytes();
+                    let is_kept = head[..] == (channel as u16).to_le_bytes();
                     if let Some(chunk) = chunk.take_if(|_| is_kept) {
                         blocks.push_back(chunk);
                         blocks.drain(..blocks.len().saturating_sub(BLOCKS));
                     }
                 }
-                op::DATA_END if frame.length == DATA_END_BYTES => break,
+                op::DATA_END => break,
                 _ => {}
             }
         }

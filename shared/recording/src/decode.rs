@@ -3,7 +3,7 @@
 //! Promise: the block, or what is wrong with it, is the same either way.
 
 use crate::again::{Input, Step};
-use crate::block::{Block, LOST, UNKEPT};
+use crate::block::{Block, LOST, STATION, UNKEPT};
 use crate::channels::Channel;
 use crate::checkpoint;
 use crate::fluid::Fluid;
@@ -29,27 +29,27 @@ pub(crate) enum States {
     Checked,
 }
 
-/// A record as it stands in the file: a chunk, or a range of ticks that were lost, or may not have been kept.
+/// A record as it stands in the file: a chunk, or the session's facts, or a range of ticks that were lost, or may not have been kept.
 pub(crate) struct Raw {
     pub(crate) frame: Frame,
     pub(crate) body: Vec<u8>,
 }
 
 impl Raw {
-    /// Its block, or what is wrong with it.
-    pub(crate) fn decode(&self, unpacker: &mut Unpacker, states: States) -> Result<Block, String> {
-        if self.frame.opcode == op::CHUNK { chunk(unpacker, &self.body, states) } else { lost(&self.body) }
+    /// Its block, if it has one, or what is wrong with it.
+    pub(crate) fn decode(&self, unpacker: &mut Unpacker, states: States) -> Result<Option<Block>, String> {
+        if self.frame.opcode == op::CHUNK { chunk(unpacker, &self.body, states).map(Some) } else { noted(&self.body) }
     }
 }
 
-/// The block of a range of ticks that were lost, or what is wrong with it. Of ticks that the disk may not have kept there is nothing in it: whoever reads sees
-/// whether they are there.
-pub(crate) fn lost(body: &[u8]) -> Result<Block, String> {
+/// The block of a range of ticks that were lost, or what is wrong with it. Ticks that the disk may not have kept have none: whoever reads sees whether they are
+/// there; nor have the session's facts once more: who has opened the file has whole ones, or has said that there are none.
+pub(crate) fn noted(body: &[u8]) -> Result<Option<Block>, String> {
     let record = metadata(body)?;
     let range = recover::range(&record.metadata).filter(|range| range.first <= range.last);
     match (record.name.as_str(), range) {
-        (LOST, Some(range)) => Ok(Block { lost: vec![range], ..Block::default() }),
-        (UNKEPT, Some(_)) => Ok(Block::default()),
+        (LOST, Some(range)) => Ok(Some(Block { lost: vec![range], ..Block::default() })),
+        (UNKEPT, Some(_)) | (STATION, _) => Ok(None),
         _ => Err("names no range of lost ticks".into()),
     }
 }
@@ -136,6 +136,7 @@ pub(crate) fn chunk(unpacker: &mut Unpacker, body: &[u8], states: States) -> Res
             Channel::Checkpoints => block.checkpoints.extend(checkpoint::read(data, states)?),
             Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
             Channel::Pictures => block.pictures.push(json::<PictureMessage>(data)?.picture()?),
+            Channel::Judged => block.judged.push(json(data)?),
             Channel::Scene => block.scene.push(json::<SceneMessage>(data)?.file()?),
         }
         Ok(())

@@ -1,7 +1,9 @@
 //! The records of a file one after the other, by their frames (opcode, length, body) alone, with the byte at which each begins. Nothing is
-//! believed beyond the file's length, and nothing longer than [`MAX_RECORD_BYTES`] is read. Behind what is no record the walk goes on at the next
-//! chunk, which is known by its compression's name and by the two lengths in it that agree.
+//! believed beyond the file's length, nothing longer than [`MAX_RECORD_BYTES`] is read, and a length is believed only where what else the record says of
+//! itself agrees: one flipped bit costs no more than the block that it hit. Behind what is no record the walk goes on at the next chunk, which is known by its
+//! compression's name and by the two lengths in it that agree.
 
+use crate::summary::FOOTER_BYTES;
 use mcap::records::{Record, op};
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -19,9 +21,16 @@ pub(crate) const DATA_END_BYTES: u64 = 4;
 
 /// What stands in the head of every chunk that a recorder writes, and where: the compression's name with its length.
 pub(crate) const COMPRESSION: &[u8] = b"\x04\0\0\0zstd";
-const COMPRESSION_AT: usize = HEAD_BYTES as usize + 28;
+const COMPRESSION_AT: usize = HEAD_BYTES as usize + COMPRESSION_IN_BODY as usize;
+/// Where it stands in the body: behind two times, size and checksum.
+const COMPRESSION_IN_BODY: u64 = 28;
 /// Bytes of a chunk's head, up to the blocks' messages: opcode and length, two times, size, checksum, compression, compressed size.
 const CHUNK_HEAD_BYTES: usize = COMPRESSION_AT + 16;
+/// Bytes of a record from which it is known: those of a chunk's head, or of a metadata record up to the length of its facts, whose name is a word.
+const LOOK_BYTES: usize = 64;
+/// Bytes of the length of a text, or of facts, before it, and of a size.
+const TEXT_HEAD_BYTES: u64 = 4;
+const SIZE_BYTES: u64 = 8;
 /// Bytes in which the next chunk is looked for at once.
 const WINDOW_BYTES: usize = 1 << 20;
 
@@ -83,17 +92,46 @@ impl<R: Read + Seek> Walk<R> {
         Ok(frame)
     }
 
-    /// The record at a byte, if there can be one.
-    fn frame_at(&mut self, at: u64) -> io::Result<Option<Frame>> {
-        if self.length - at < HEAD_BYTES {
+    /// The next record of the summary, by its length alone: behind one that is damaged nothing can be known.
+    pub(crate) fn next_of_summary(&mut self) -> io::Result<Option<Frame>> {
+        let mut head = [0; HEAD_BYTES as usize];
+        if self.length.saturating_sub(self.at) < HEAD_BYTES {
             return Ok(None);
         }
-        let mut head = [0; HEAD_BYTES as usize];
-        self.read(at, &mut head)?;
-        let [opcode, length @ ..] = head;
-        let frame = Frame { at, opcode, length: u64::from_le_bytes(length) };
-        let longest = MAX_RECORD_BYTES.min(self.length - at - HEAD_BYTES);
-        Ok((opcode != NO_RECORD && frame.length <= longest).then_some(frame))
+        self.read(self.at, &mut head)?;
+        let frame = self.fitting(self.at, &head);
+        self.at = frame.map_or(self.at, |frame| frame.end());
+        Ok(frame)
+    }
+
+    /// The record at a byte, if there is one. One of a kind that no recorder writes says nothing of itself but its length, which is believed where another
+    /// record, or nothing, follows.
+    fn frame_at(&mut self, at: u64) -> io::Result<Option<Frame>> {
+        let Some((frame, is_known)) = self.look(at)? else { return Ok(None) };
+        let is_one = is_known || frame.end() == self.length || self.look(frame.end())?.is_some();
+        Ok(Some(frame).filter(|_| is_one))
+    }
+
+    /// What can be a record at a byte, and whether it is known to be one.
+    fn look(&mut self, at: u64) -> io::Result<Option<(Frame, bool)>> {
+        let mut head = [0; LOOK_BYTES];
+        let rest = self.length.saturating_sub(at);
+        let head = &mut head[..rest.min(LOOK_BYTES as u64) as usize];
+        if rest < HEAD_BYTES {
+            return Ok(None);
+        }
+        self.read(at, head)?;
+        let Some(frame) = self.fitting(at, head) else { return Ok(None) };
+        let own = own_length(head);
+        Ok(Some((frame, own.is_some())).filter(|_| own.is_none_or(|own| own == frame.length)))
+    }
+
+    /// The record whose opcode and length these are, if it lies in the file as a whole.
+    fn fitting(&self, at: u64, head: &[u8]) -> Option<Frame> {
+        let ([opcode, length @ ..], _) = head.split_first_chunk::<{ HEAD_BYTES as usize }>()?;
+        let frame = Frame { at, opcode: *opcode, length: u64::from_le_bytes(*length) };
+        let longest = MAX_RECORD_BYTES.min(self.length.checked_sub(at)?.checked_sub(HEAD_BYTES)?);
+        (frame.opcode != NO_RECORD && frame.length <= longest).then_some(frame)
     }
 
     /// The first chunk behind a byte, as far as a record may reach.
@@ -106,9 +144,8 @@ impl<R: Read + Seek> Walk<R> {
             self.read(from, &mut window)?;
             for name in memchr::memmem::find_iter(&window, COMPRESSION) {
                 let head = name.checked_sub(COMPRESSION_AT).and_then(|first| window.get(first..first + CHUNK_HEAD_BYTES));
-                if let Some(length) = head.and_then(chunk_length)
+                if head.and_then(chunk_length).is_some()
                     && let Some(frame) = self.frame_at(from + (name - COMPRESSION_AT) as u64)?
-                    && frame.length == length
                 {
                     return Ok(Some(frame));
                 }
@@ -119,9 +156,9 @@ impl<R: Read + Seek> Walk<R> {
         Ok(None)
     }
 
-    /// Gives a record once more.
-    pub(crate) fn back_to(&mut self, frame: &Frame) {
-        self.at = frame.at;
+    /// Goes on with the record at a byte.
+    pub(crate) fn back_to(&mut self, at: u64) {
+        self.at = at;
     }
 
     /// Where the next record begins.
@@ -150,32 +187,62 @@ impl<R: Read + Seek> Walk<R> {
         if rest.is_empty() {
             return Ok(());
         }
-        let from = at + known as u64;
-        self.inner.seek(SeekFrom::Start(from))?;
+        self.inner.seek(SeekFrom::Start(at + known as u64))?;
         if rest.len() >= self.ahead_bytes {
             return self.inner.read_exact(rest);
         }
-        self.hold(from, rest.len())?;
-        rest.copy_from_slice(&self.held[..rest.len()]);
+        self.hold(at, known, rest.len())?;
+        rest.copy_from_slice(&self.held[known..known + rest.len()]);
         Ok(())
     }
 
-    /// Reads at least so many bytes from where the file stands.
-    fn hold(&mut self, from: u64, least: usize) -> io::Result<()> {
-        let most = self.length.saturating_sub(from).min(self.ahead_bytes as u64) as usize;
+    /// Reads at least so many bytes from where the file stands, and holds them behind those, the last that are held, which are known from a byte on.
+    fn hold(&mut self, at: u64, known: usize, least: usize) -> io::Result<()> {
+        let most = self.length.saturating_sub(at + known as u64).min(self.ahead_bytes as u64) as usize;
         let mut held = std::mem::take(&mut self.held); // nothing is held of what cannot be read
-        held.resize(most.max(least), 0);
-        let count = match self.inner.read(&mut held) {
+        held.drain(..held.len() - known);
+        held.resize(known + most.max(least), 0);
+        let count = match self.inner.read(&mut held[known..]) {
             Err(error) if error.kind() == io::ErrorKind::Interrupted => 0,
             read => read?,
         };
         if count < least {
-            self.inner.read_exact(&mut held[count..least])?;
+            self.inner.read_exact(&mut held[known + count..known + least])?;
         }
-        held.truncate(count.max(least));
-        (self.held, self.held_at) = (held, from);
+        held.truncate(known + count.max(least));
+        (self.held, self.held_at) = (held, at);
         Ok(())
     }
+}
+
+/// The length that a record has to have by what else its head says; `None` of a kind that no recorder writes before its summary. What cannot be read is no length
+/// that any record has.
+fn own_length(head: &[u8]) -> Option<u64> {
+    let text_bytes = |at: u64| {
+        let at = usize::try_from(HEAD_BYTES + at).ok()?;
+        head.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes).map(u64::from)
+    };
+    let size = |at: u64| {
+        let at = usize::try_from(HEAD_BYTES + at).ok()?;
+        head.get(at..at + 8)?.try_into().ok().map(u64::from_le_bytes)
+    };
+    let length = match *head.first()? {
+        // Of what is compressed, behind the compression's name, which is another where somebody has rewritten the file.
+        op::CHUNK => text_bytes(COMPRESSION_IN_BODY).and_then(|name| {
+            let before = COMPRESSION_IN_BODY + TEXT_HEAD_BYTES + name;
+            size(before)?.checked_add(before + SIZE_BYTES)
+        }),
+        // Of its entries, behind the channel.
+        op::MESSAGE_INDEX => text_bytes(INDEX_HEAD_BYTES - TEXT_HEAD_BYTES).map(|entries| INDEX_HEAD_BYTES + entries),
+        // Profile and library; name and facts.
+        op::HEADER | op::METADATA => {
+            text_bytes(0).and_then(|first| Some(2 * TEXT_HEAD_BYTES + first + text_bytes(TEXT_HEAD_BYTES + first)?))
+        }
+        op::DATA_END => Some(DATA_END_BYTES),
+        op::FOOTER => Some(FOOTER_BYTES),
+        _ => return None,
+    };
+    Some(length.unwrap_or(u64::MAX))
 }
 
 /// The length that the head of a chunk says twice; `None` if it does not.

@@ -1,7 +1,7 @@
 //! The session as an MCAP file: JSON channels with JSON schemas, three of them those that Foxglove publishes. `tests/tests/reader.rs` reads one with
 //! PyPI's `mcap` package and compares it to the bit; no other program was tried.
 //!
-//! A recording is a head (magic, header, metadata `station`), then blocks, then a summary. A block is one compressed chunk with its
+//! A recording is a head (magic, header, metadata `station`), then blocks, then `station` once more and a summary. A block is one compressed chunk with its
 //! own schemas, channels and checksum, followed by its message indexes, and is appended by one write. Promise: a file that is cut at any byte
 //! is readable to its last whole block, without a summary; a damaged block is found by its checksum, named, and costs no other block;
 //! a [`Writer`] that comes after one that died goes on in the same file, each tick once. Nothing outside causes a panic.
@@ -16,8 +16,10 @@ mod checkpoint;
 mod continuity;
 mod decode;
 mod error;
+mod facts;
 mod fluid;
 mod frame;
+mod judged;
 mod messages;
 mod outline;
 mod picture;
@@ -38,7 +40,8 @@ mod writer;
 pub use block::{Block, Event, Level, SAID, TickRange};
 pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;
-pub use error::ReadError;
+pub use error::{ReadError, WriteError};
+pub use judged::Judged;
 pub use outline::{Outline, outline};
 pub use picture::{Picture, jpeg};
 pub use playback::{Moment, Playback};
@@ -47,14 +50,16 @@ pub use reader::{Damage, Ending, Reader, Recording, open_file};
 pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
 pub use sync::Disk;
-pub use writer::{Closed, WriteError, Writer};
+pub use writer::{Closed, Writer};
 
-/// Session facts by name: the metadata record `station` of a file. `session` must be there; it tells one session from another.
+/// Session facts by name: the metadata record `station` of a file, which has a checksum of them and stands at its head, before its second block and at its end.
+/// `session` must be there; it tells one session from another.
 pub type Session = std::collections::BTreeMap<String, String>;
 
 /// Version of channels and framing; a file of another version is not continued.
-pub const FORMAT: &str = "4";
+pub const FORMAT: &str = "5";
 
 /// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed; one of version 2 has no checkpoints, so
-/// that a replay of it begins at its beginning; one of version 3 has no pictures and no scene.
-pub const READ_FORMATS: [&str; 4] = ["1", "2", "3", FORMAT];
+/// that a replay of it begins at its beginning; one of version 3 has no pictures and no scene; one of version 4 has its facts once and
+/// without a checksum, and nothing of what its referee had judged.
+pub const READ_FORMATS: [&str; 5] = ["1", "2", "3", "4", FORMAT];

@@ -3,10 +3,11 @@
 //! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
 
 use crate::Session;
-use crate::block::{Block, STATION};
+use crate::block::Block;
 use crate::decode::{Raw, States, chunk};
 use crate::error::{ReadError, version};
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
+use crate::facts;
+use crate::frame::{Frame, Walk};
 use crate::unpack::Unpacker;
 use hyst_messages::AppliedRecord;
 use mcap::records::op;
@@ -65,7 +66,8 @@ impl Reader<File> {
 }
 
 impl<R: Read + Seek> Reader<R> {
-    /// Reads from `source`; `path` is for messages.
+    /// Reads from `source`; `path` is for messages. Where the facts at the head are damaged, the first whole ones behind them are taken; where there are none,
+    /// they are taken as they are, and are damage.
     pub fn new(mut source: R, path: &Path) -> Result<Reader<R>, ReadError> {
         let refused = |source| ReadError::File { path: path.to_path_buf(), source };
         let foreign = |what: String| ReadError::Foreign { path: path.to_path_buf(), what };
@@ -74,22 +76,24 @@ impl<R: Read + Seek> Reader<R> {
             let empty = if length == 0 { ": it is empty, nothing was recorded in it" } else { "" };
             return Err(foreign(format!("is not an MCAP file{empty}")));
         };
-        let mut head = |opcode: u8, what: &str| match walk.next().map_err(refused)? {
-            Some(frame) if frame.opcode == opcode => walk.body(&frame, u64::MAX).map_err(refused),
-            Some(_) => Err(foreign(format!("{what}: it is of something else than a station"))),
-            None => Err(foreign(format!("{what}: it ends at byte {length}, before anything was recorded in it"))),
+        let (session, damage) = match facts::at_head(&mut walk).map_err(refused)? {
+            Ok((session, true)) => (session, None),
+            damaged => {
+                let again = facts::behind(&mut walk).map_err(refused)?;
+                facts::past_head(&mut walk).map_err(refused)?;
+                match (again, damaged) {
+                    (Some(session), _) => (session, None), // nothing is missing
+                    (None, Ok((session, _))) => (session, Some(Damage { at: facts::HEAD_AT, reason: facts::DAMAGED.into() })),
+                    (None, Err(what)) => return Err(foreign(what)),
+                }
+            }
         };
-        head(op::HEADER, "has no header")?;
-        let facts = metadata(&head(op::METADATA, "has no facts of a session")?).map_err(foreign)?;
-        if facts.name != STATION {
-            return Err(foreign(format!("is of something else than a station ({:?})", facts.name)));
-        }
-        version(path, &facts.metadata)?;
+        version(path, &session)?;
         Ok(Reader {
             walk,
             path: path.to_path_buf(),
-            session: facts.metadata,
-            damage: Vec::new(),
+            session,
+            damage: damage.into_iter().collect(),
             ending: None,
             unpacker: Unpacker::default(),
         })
@@ -123,7 +127,8 @@ impl<R: Read + Seek> Reader<R> {
             self.note(before);
             let Some(raw) = raw? else { return Ok(None) };
             match raw.decode(&mut self.unpacker, states) {
-                Ok(block) => return Ok(Some(block)),
+                Ok(Some(block)) => return Ok(Some(block)),
+                Ok(None) => {}
                 Err(reason) => self.note([Damage { at: raw.frame.at, reason }]),
             }
         }
@@ -148,8 +153,8 @@ impl<R: Read + Seek> Reader<R> {
                 damaged(at, format!("is none; nothing can be read up to byte {}", frame.at));
             }
             match frame.opcode {
-                op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
-                op::DATA_END if frame.length == DATA_END_BYTES => self.ending = Some(self.close().map_err(&refused)?),
+                op::MESSAGE_INDEX => {}
+                op::DATA_END => self.ending = Some(self.close().map_err(&refused)?),
                 op::CHUNK | op::METADATA => {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
                     return Ok(Some(Raw { frame, body }));
@@ -185,9 +190,14 @@ impl<R: Read + Seek> Reader<R> {
         self.walk.body(frame, most).map_err(|source| self.refused(source))
     }
 
-    /// Gives a record once more, or one that is known to lie elsewhere.
-    pub(crate) fn back_to(&mut self, frame: &Frame) {
-        self.walk.back_to(frame);
+    /// Where the next record begins.
+    pub(crate) fn next_at(&self) -> u64 {
+        self.walk.at()
+    }
+
+    /// Gives the record at a byte next.
+    pub(crate) fn back_to(&mut self, at: u64) {
+        self.walk.back_to(at);
     }
 
     /// Length of the file, bytes.
@@ -201,17 +211,10 @@ impl<R: Read + Seek> Reader<R> {
         Ok(chunk(&mut self.unpacker, &body, States::Given))
     }
 
-    /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
-    fn is_index(&mut self, frame: &Frame) -> io::Result<bool> {
-        let head = self.walk.body(frame, INDEX_HEAD_BYTES)?;
-        let said = head.get(2..6).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
-        Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
-    }
-
     /// Goes through the summary to the footer, of whose records the heads are enough.
     fn close(&mut self) -> io::Result<Ending> {
         self.walk.read_ahead(0);
-        while let Some(frame) = self.walk.next()? {
+        while let Some(frame) = self.walk.next_of_summary()? {
             if frame.opcode == op::FOOTER {
                 let is_end = self.walk.length() - self.walk.at() == mcap::MAGIC.len() as u64;
                 return Ok(if is_end { Ending::Complete } else { Ending::Cut { at: frame.end() } });

@@ -3,7 +3,8 @@
 
 use crate::block::{LOST, STATION, UNKEPT};
 use crate::channels::Channel;
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
+use crate::facts::opened;
+use crate::frame::{Frame, INDEX_HEAD_BYTES, Walk, metadata};
 use crate::summary::Contents;
 use crate::unpack::Unpacker;
 use crate::{Session, TickRange};
@@ -20,8 +21,10 @@ const INDEX_ENTRY_BYTES: u64 = 16;
 /// What was found.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
-    /// The session's facts; `None` if the file was cut before them.
+    /// The session's facts, the first that are whole; `None` if the file was cut before them.
     pub(crate) session: Option<Session>,
+    /// How often they are there as a whole.
+    pub(crate) facts: u64,
     /// The byte after the last whole block.
     pub(crate) end: u64,
     pub(crate) contents: Contents,
@@ -39,6 +42,8 @@ struct Whole {
     counts: BTreeMap<u16, u64>,
     frame: Frame,
     last_tick: Option<u64>,
+    /// Something that is damaged follows: the indexes behind that are another chunk's.
+    is_followed: bool,
 }
 
 /// Looks through a file; `None` if it is not MCAP.
@@ -53,7 +58,7 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
         match frame.opcode {
             op::HEADER => found.end = frame.end(),
             op::MESSAGE_INDEX => {
-                if let Some(chunk) = &mut open {
+                if let Some(chunk) = open.as_mut().filter(|chunk| !chunk.is_followed) {
                     index(&mut walk, &frame, chunk)?;
                 }
             }
@@ -65,8 +70,9 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
                 settle(&mut found, &mut last, open.take());
                 facts(&mut walk, &frame, &mut found)?;
             }
-            op::DATA_END if frame.length == DATA_END_BYTES => break,
-            _ => {} // damaged: what follows it counts
+            op::DATA_END => break,
+            // Damaged: what follows it counts.
+            _ => open.iter_mut().for_each(|chunk| chunk.is_followed = true),
         }
     }
     // The chunk at the end may have been cut between its indexes, which the frames do not show.
@@ -85,7 +91,7 @@ fn settle(found: &mut Found, last: &mut Option<Whole>, chunk: Option<Whole>) {
     for (id, count) in &chunk.counts {
         *found.contents.counts.entry(*id).or_insert(0) += count;
     }
-    found.contents.chunks.push(chunk.index.clone());
+    found.contents.add(&chunk.index);
     if chunk.last_tick.is_some() || last.is_none() {
         *last = Some(chunk);
     }
@@ -110,7 +116,7 @@ fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option
             uncompressed_size: word(16)?,
         })
     };
-    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None }))
+    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None, is_followed: false }))
 }
 
 fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
@@ -135,8 +141,13 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
         return Ok(());
     };
     found.contents.metadata.push(MetadataIndex { offset: frame.at, length: frame.end() - frame.at, name: record.name.clone() });
-    if record.name == STATION && found.session.is_none() {
-        found.session = Some(record.metadata);
+    if record.name == STATION {
+        let (session, is_whole) = opened(record.metadata);
+        if is_whole && found.facts == 0 {
+            found.session = None; // what was damaged
+        }
+        found.facts += u64::from(is_whole);
+        found.session.get_or_insert(session);
     } else if record.name == LOST || record.name == UNKEPT {
         let named = range(&record.metadata);
         found.lost += named.map_or(0, |range| range.count());

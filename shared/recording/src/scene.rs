@@ -3,7 +3,6 @@
 use crate::channels::Channel;
 use crate::checkpoint::CHANNEL_BYTES;
 use crate::error::ReadError;
-use crate::frame::DATA_END_BYTES;
 use crate::reader::Reader;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -72,7 +71,7 @@ impl<R: Read + Seek> Reader<R> {
                         return Ok(files.into_values().collect());
                     }
                 }
-                op::DATA_END if frame.length == DATA_END_BYTES => break,
+                op::DATA_END => break,
                 _ => {}
             }
         }

@@ -59,6 +59,11 @@ impl Channel {
             Channel::Checkpoints => checkpoint_properties(),
             Channel::Pictures => picture_properties(),
             Channel::Scene => scene_properties(),
+            Channel::Judged => {
+                let mut fields = json!({"judge": {"type": "string"}});
+                add(&mut fields, "integer", &["tick", "tissue_tick"]);
+                fields
+            }
             Channel::Steps => {
                 let mut fields = json!({"state_hash": {"type": "string"}});
                 let numbers = ["tick", "input_tick", "from_tick", "from_incarnation", "epoch", "incarnation", "step_ticks"];

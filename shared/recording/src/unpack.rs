@@ -77,9 +77,9 @@ fn is_within_window(frame: &[u8], size: u64) -> bool {
     *descriptor & ONE_PIECE != 0 || (window <= MOST_WINDOW && 1u64 << window >= size)
 }
 
-/// The records of a chunk, opcode and body, up to what is none.
-struct Records<'a> {
-    rest: &'a [u8],
+/// The records of a chunk, or of a part of the summary, opcode and body, up to what is none.
+pub(crate) struct Records<'a> {
+    pub(crate) rest: &'a [u8],
 }
 
 impl<'a> Iterator for Records<'a> {

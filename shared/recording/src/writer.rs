@@ -7,91 +7,19 @@
 
 use crate::block::{self, Block, TickRange};
 use crate::channels::Channel;
+use crate::error::WriteError;
 use crate::recover::{Found, recover};
 use crate::summary::{self, Contents};
 use crate::sync::Disk;
 use crate::{FORMAT, Session};
+use mcap::records::MetadataIndex;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Ticks at the end of a predecessor's file about which it may not have asked the disk: as many as it writes between two times.
 const NEWEST_TICKS: u64 = 5_000;
-
-/// Why something cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum WriteError {
-    /// The file cannot be made or opened.
-    #[error("recording {path}: {source}; give --record a path in a folder that exists and may be written")]
-    Open {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Another process writes it.
-    #[error("recording {path} is being written by another process; stop it, or give --record another file")]
-    Locked {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The file holds something else.
-    #[error("recording {path} exists and {holds}; move it away, or give --record another file")]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What it holds.
-        holds: &'static str,
-    },
-    /// No room: the disk, the quota or the limit.
-    #[error("recording {path}: no room for {bytes} bytes more; make room, the recorder tries again")]
-    Full {
-        /// The file.
-        path: PathBuf,
-        /// Bytes that did not fit.
-        bytes: usize,
-    },
-    /// The write failed otherwise.
-    #[error("recording {path}: {source}; look at the disk")]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The disk took it and did not keep it: a stick that is gone, or a server that is full.
-    #[error(
-        "recording {path}: the disk did not keep what it had taken: {source}; {ticks} ticks may be lost, look at the disk",
-        ticks = count(.ranges)
-    )]
-    Unsynced {
-        /// The file.
-        path: PathBuf,
-        /// Ticks that were written since the disk last kept everything.
-        ranges: Vec<TickRange>,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// A block cannot be put into bytes.
-    #[error("a block of the recording cannot be encoded: {0}")]
-    Encode(String),
-}
-
-impl WriteError {
-    pub(crate) fn encode(error: mcap::McapError) -> WriteError {
-        WriteError::Encode(error.to_string())
-    }
-
-    /// Ticks that were written and may not be on the disk.
-    pub fn doubtful_ticks(&self) -> u64 {
-        if let WriteError::Unsynced { ranges, .. } = self { count(ranges) } else { 0 }
-    }
-}
-
-fn count(ranges: &[TickRange]) -> u64 {
-    ranges.iter().map(TickRange::count).sum()
-}
 
 /// A recording that is being written.
 #[derive(Debug)]
@@ -109,6 +37,9 @@ pub struct Writer {
     unsynced: Vec<TickRange>,
     /// Ticks that the disk did not keep, which the file does not name yet.
     unnoted: Vec<TickRange>,
+    /// The record with the session's facts, and whether it stands behind the file's head once more.
+    facts: Vec<u8>,
+    is_repeated: bool,
 }
 
 /// A recording that has its summary, or was refused it: nothing is appended to it any more.
@@ -172,6 +103,9 @@ impl Writer {
         let (head, index) = block::head(&facts)?;
         let found = inherit(path, &file, &facts, &head)?;
         let unsynced = newest(&found);
+        let known = found.session.as_ref().filter(|_| found.facts > 0);
+        let (mut record, at) = block::head(known.unwrap_or(&facts))?;
+        record.drain(..at.offset as usize);
         let mut writer = Writer {
             disk: Disk { path: path.to_path_buf(), file, sync_data: File::sync_data },
             end: found.end,
@@ -183,6 +117,8 @@ impl Writer {
             synced_end: 0,
             unsynced,
             unnoted: Vec::new(),
+            facts: record,
+            is_repeated: found.facts > 1,
         };
         writer.disk.file.set_len(writer.end).map_err(refused)?;
         if !writer.continued {
@@ -202,18 +138,22 @@ impl Writer {
         self.disk.sync_data = sync_data;
     }
 
-    /// Appends a block, behind what is to be noted; an empty one writes nothing. After an error nothing of it is in the file, and it may be tried again.
+    /// Appends a block, behind what is to be noted; an empty one writes nothing. After an error nothing of it is in the file, and it may be tried again. Before
+    /// the second block the session's facts are written once more: a file that is never closed has them twice, too, with a block between them.
     pub fn append(&mut self, block: &Block) -> Result<(), WriteError> {
         if block.is_empty() {
             return Ok(());
         }
         self.note()?;
+        if !self.is_repeated && !self.contents.is_empty() {
+            self.repeat()?;
+        }
         let mut encoded = block::encode(block)?;
         let base = self.end;
         self.put(&encoded.bytes)?;
         block::move_chunk(&mut encoded.chunk, |offset| offset + base);
         encoded.metadata.iter_mut().for_each(|index| index.offset += base);
-        self.contents.chunks.push(encoded.chunk);
+        self.contents.add(&encoded.chunk);
         self.contents.metadata.append(&mut encoded.metadata);
         for (id, count) in encoded.counts {
             *self.contents.counts.entry(id).or_insert(0) += count;
@@ -272,9 +212,10 @@ impl Writer {
         self.heed(answer)
     }
 
-    /// Writes the summary over all blocks of all writers, and says what became of that; without it the file is readable too.
+    /// Writes the session's facts once more and the summary over all blocks of all writers, and says what became of that; without it the file is readable too.
     pub fn close(mut self) -> (Closed, Result<(), WriteError>) {
         let _ = self.note(); // whoever asked the disk knows it
+        let _ = self.repeat(); // the summary is refused, too
         let blocks_end = self.end;
         let summary = self.summarize();
         (Closed { writer: self, blocks_end }, summary)
@@ -312,23 +253,42 @@ impl Writer {
         self.continued
     }
 
+    /// Writes the session's facts once more.
+    fn repeat(&mut self) -> Result<(), WriteError> {
+        let (offset, length) = (self.end, self.facts.len() as u64);
+        self.put(&self.facts.clone())?;
+        self.contents.metadata.push(MetadataIndex { offset, length, name: block::STATION.into() });
+        self.is_repeated = true;
+        Ok(())
+    }
+
     fn summarize(&mut self) -> Result<(), WriteError> {
-        let bytes = summary::encode(&self.contents, self.end);
-        self.put(&bytes)
+        let contents = std::mem::take(&mut self.contents);
+        let [before, behind] = summary::encode(&contents, self.end);
+        let put = self.put_all(&[&before, contents.chunk_indexes(), &behind]);
+        self.contents = contents;
+        put
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
-        let full = || WriteError::Full { path: self.disk.path.clone(), bytes: bytes.len() };
-        if self.end.saturating_add(bytes.len() as u64) > self.limit_bytes {
+        self.put_all(&[bytes])
+    }
+
+    /// Writes all parts one behind the other, or nothing.
+    fn put_all(&mut self, parts: &[&[u8]]) -> Result<(), WriteError> {
+        let bytes = parts.iter().map(|part| part.len()).sum::<usize>();
+        let full = || WriteError::Full { path: self.disk.path.clone(), bytes };
+        if self.end.saturating_add(bytes as u64) > self.limit_bytes {
             return Err(full());
         }
-        if let Err(source) = self.disk.file.write_all_at(bytes, self.end) {
+        let write = |at: u64, part: &&[u8]| self.disk.file.write_all_at(part, at).map(|()| at + part.len() as u64);
+        if let Err(source) = parts.iter().try_fold(self.end, write) {
             // The torn block goes. If even that fails, the next write begins at the same byte, and a reader stops before it.
             let _ = self.disk.file.set_len(self.end);
             let is_full = matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge);
             return Err(if is_full { full() } else { WriteError::Write { path: self.disk.path.clone(), source } });
         }
-        self.end += bytes.len() as u64;
+        self.end += bytes as u64;
         Ok(())
     }
 }

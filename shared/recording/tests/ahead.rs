@@ -143,6 +143,23 @@ fn before_a_disk_that_fails_it_is_the_same() {
 }
 
 #[test]
+fn who_has_had_enough_is_given_no_more() {
+    let whole = bytes("ahead-enough", 40);
+    let all = one_by_one(Cursor::new(&whole)).blocks;
+    let first = &all[..5];
+    for threads in [0, 1, 2, 5] {
+        let mut given = Vec::new();
+        let mut reader = Reader::new(Cursor::new(&whole), Path::new("memory")).unwrap();
+        let read = reader.each_block_while(threads, |mut block| {
+            block.checkpoints.clear();
+            given.push(block);
+            given.len() < first.len()
+        });
+        assert!(read.is_ok() && given == first, "{threads} threads: {} blocks", given.len());
+    }
+}
+
+#[test]
 #[should_panic(expected = "who takes it has had enough")]
 fn a_panic_of_who_takes_a_block_is_theirs_and_no_thread_waits_for_ever() {
     let whole = bytes("ahead-panic", 40);

@@ -4,13 +4,13 @@ mod fixture;
 
 use fixture::{Folder, block, ticks, write};
 use hyst_messages::Role;
-use hyst_recording::{Checkpoint, Playback, Reader, Recording, checkpoints};
+use hyst_recording::{Checkpoint, Judged, Playback, Reader, Recording, checkpoints};
 use std::path::Path;
 
 /// Ticks of a block.
 const TICKS: u64 = 200;
 
-/// A recording of 8 s, in which the fluid has a checkpoint in each block, and the tissue every second.
+/// A recording of 8 s, in which the fluid has a checkpoint in each block, the tissue every second, and with it is kept what was judged.
 fn recorded(folder: &Folder) -> std::path::PathBuf {
     let path = folder.file();
     let blocks: Vec<_> = (0..40u64)
@@ -19,6 +19,7 @@ fn recorded(folder: &Folder) -> std::path::PathBuf {
             if part % 5 == 0 {
                 let tick = block.applied[10].tick;
                 block.checkpoints.push(Checkpoint { role: Role::Tissue, tick, state: vec![part as u8; 64] });
+                block.judged.push(Judged { tick: tick + 20, tissue_tick: tick, judge: format!("{{\"part\": {part}}}") });
             }
             block
         })
@@ -50,6 +51,30 @@ fn the_newest_checkpoints_up_to_a_tick_are_found_and_a_damaged_one_costs_its_int
     // Cut before its summary, and in the middle of a block.
     std::fs::write(&path, &bytes[..at as usize + 100]).unwrap();
     assert_eq!(found(&path, u64::MAX), [(Role::Tissue, 5_011), (Role::Fluid, 5_801)]);
+}
+
+#[test]
+fn the_newest_judgement_up_to_a_tick_is_found_with_a_summary_and_without_and_the_next_block_stays_the_same() {
+    let folder = Folder::new("judged");
+    let path = recorded(&folder);
+    let judged = |up_to_tick: u64| {
+        let mut reader = Reader::open(&path).unwrap();
+        let judged = reader.judged(up_to_tick).unwrap();
+        let next = reader.next_block().unwrap().unwrap().applied[0].tick;
+        assert_eq!(next, 1, "up to {up_to_tick}");
+        judged.map(|judged| (judged.tick, judged.tissue_tick, judged.judge))
+    };
+    let of = |part: u64| Some((31 + part * TICKS, 11 + part * TICKS, format!("{{\"part\": {part}}}")));
+    let mut bytes = std::fs::read(&path).unwrap();
+    let (at, end) = (chunk_with(&path, 6_001) as usize, bytes.len());
+    for length in [end, end - 1] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        assert_eq!([0, 30, 31, 1_030, 6_031, u64::MAX].map(&judged), [None, None, of(0), of(0), of(30), of(35)], "{length}");
+    }
+    // One that is damaged costs its interval.
+    bytes[at + 200] ^= 1;
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(judged(6_031), of(25));
 }
 
 /// The byte of the chunk that begins with a tick.

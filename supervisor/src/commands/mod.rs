@@ -5,6 +5,7 @@ pub mod check;
 pub mod conformance;
 pub mod doctor;
 pub mod fault;
+mod given;
 pub mod logs;
 mod others;
 pub mod replay;

@@ -14,6 +14,7 @@ use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
 use hyst_recording::{Checkpoint, Moment, Playback, checkpoints};
 use look::{Whole, look_ahead, look_through};
 use std::collections::VecDeque;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,6 +22,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
+/// Where files lie for a while that are too large for memory, as <https://refspecs.linuxfoundation.org/FHS_3.0> has it: `/tmp` is memory on many machines.
+const LARGE: &str = "/var/tmp";
 /// The exit code of a run that lost something, or that ended before its end, and of a replay that did not come to the end of its recording.
 const NOT_WHOLE: u8 = 3;
 
@@ -35,8 +38,10 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
     }
     let speed = if args.verify { 0.0 } else { args.speed.unwrap_or(1.0) };
-    let beside =
-        args.verify.then(|| std::env::temp_dir().join(format!("hystation-{}-{}.mcap", station.name(), std::process::id())));
+    let beside = args.verify.then(|| {
+        let folder = folder_for(std::env::var_os("TMPDIR"), Path::new(LARGE));
+        folder.join(format!("hystation-{}-{}.mcap", station.name(), std::process::id()))
+    });
     if begin_tick > 0 {
         let of = |state: &Checkpoint| format!("{} of {:.3} s", state.role.name(), state.tick as f64 * 1e-3);
         let states: Vec<String> = states.iter().map(of).collect();
@@ -68,6 +73,12 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     }
     let is_whole = whole.missing.is_none() && whole.cut_at.is_none();
     Ok(if code == 0 && !is_whole { NOT_WHOLE } else { code })
+}
+
+/// The folder for the second recording, which is as large as the first: the one that is named for what is temporary, else the one for what is large.
+fn folder_for(named: Option<OsString>, large: &Path) -> PathBuf {
+    let large = Some(large.to_owned()).filter(|large| large.is_dir());
+    named.map(PathBuf::from).or(large).unwrap_or_else(std::env::temp_dir)
 }
 
 /// What ended the run, and what of the recording was found to be missing meanwhile, with the last tick before it.

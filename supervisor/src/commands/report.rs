@@ -1,13 +1,13 @@
 //! `hystation report`: reads recordings, writes what `hyst-assessment` makes of them. Nothing is written of a recording that cannot be reported.
 
+use super::given::Given;
 use super::watched::Watched;
 use crate::cli::ReportArgs;
 use crate::recorded::anatomy;
 use crate::settings::Refusal;
 use hyst_assessment::{Anatomy, Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
 use hyst_recording::{ReadError, Reader, open_file};
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// Most threads that decode a recording ahead of the one that reads it and sums up: a station may be running beside, and more gain little.
@@ -15,7 +15,7 @@ const MOST_THREADS: usize = 4;
 /// Most earlier sessions in one report: each is read from its beginning to its end.
 const MOST_COMPARED: usize = 8;
 
-/// Prints or writes the report; exit code 3 if something of a recording is missing, 2 if there is nothing to report.
+/// Prints or writes the report; exit code 3 if something of a recording is missing, or a disk does not take what is written, 2 if there is nothing to report.
 pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
     check(args)?;
     let reader = open(&args.file)?;
@@ -101,9 +101,13 @@ pub fn open(path: &Path) -> Result<Reader<Watched>, Refusal> {
     Reader::new(file, path).map_err(refused)
 }
 
+/// Threads that decode a recording.
+pub fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS))
+}
+
 fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<Assessment, Refusal> {
-    let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS));
-    let assessment = assess(reader, threads, row);
+    let assessment = assess(reader, threads(), row);
     if assessment.is_empty() {
         let missing = assessment.missing();
         let why = missing.first().map_or("nothing was recorded", String::as_str);
@@ -118,14 +122,14 @@ fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<A
 /// Writes what was asked for.
 fn give(args: &ReportArgs, sessions: &Sessions) -> Result<(), Refusal> {
     if let Some(path) = &args.html {
-        std::fs::write(path, html(sessions)).map_err(|error| unwritten(path, &error))?;
+        write(path, &html(sessions))?;
     }
     let for_programs = || serde_json::to_string_pretty(&json(sessions)).map(|text| text + "\n");
     let for_programs = || for_programs().map_err(|error| Refusal::failed(error.to_string()));
     let shown = match args.json.as_deref() {
         Some(path) if is_stdout(path) => for_programs()?,
         Some(path) => {
-            std::fs::write(path, for_programs()?).map_err(|error| unwritten(path, &error))?;
+            write(path, &for_programs()?)?;
             text(sessions)
         }
         None => text(sessions),
@@ -135,14 +139,26 @@ fn give(args: &ReportArgs, sessions: &Sessions) -> Result<(), Refusal> {
     Ok(())
 }
 
+fn write(path: &Path, text: &str) -> Result<(), Refusal> {
+    let written = Given::begin(path).and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.finish()));
+    written.map_err(|error| unwritten(path, &error))
+}
+
+/// A file that is not there: nobody may write it in that place, or the disk has not taken it.
 fn unwritten(path: &Path, error: &io::Error) -> Refusal {
-    Refusal::failed(format!("{}: {error}; is the disk full?", path.display()))
+    let refused = |cure: &str| format!("{}: {error}; {cure}", path.display());
+    match error.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem | ErrorKind::NotFound => {
+            Refusal::input(refused("give a file in a folder that may be written"))
+        }
+        _ => Refusal::lost(refused("is the disk full? What was there before is there still")),
+    }
 }
 
 /// The file of the time series, made when its first row comes.
 struct Csv {
     path: Option<PathBuf>,
-    out: Option<BufWriter<File>>,
+    out: Option<Given>,
     refused: Option<io::Error>,
 }
 
@@ -158,7 +174,7 @@ impl Csv {
         let out = match &mut self.out {
             Some(out) => out,
             None => {
-                let mut out = BufWriter::new(File::create(path)?);
+                let mut out = Given::begin(path)?;
                 writeln!(out, "{CSV_HEAD}")?;
                 self.out.insert(out)
             }
@@ -166,9 +182,9 @@ impl Csv {
         writeln!(out, "{}", row.csv())
     }
 
-    fn finish(mut self) -> Result<(), Refusal> {
-        let flushed = self.out.as_mut().map_or(Ok(()), |out| out.flush());
-        match (self.path, self.refused.or(flushed.err())) {
+    fn finish(self) -> Result<(), Refusal> {
+        let finish = || self.out.map_or(Ok(()), Given::finish).err();
+        match (self.path, self.refused.or_else(finish)) {
             (Some(path), Some(error)) => Err(unwritten(&path, &error)),
             _ => Ok(()),
         }

@@ -7,7 +7,9 @@ use super::arm::{Arm, Kind, WINDOW_NS};
 use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
 use crate::cli::WindowArgs;
+use crate::commands::report;
 use crate::settings::Refusal;
+use hyst_assessment::{Judge, judge_until};
 use hyst_exchange::{Station, machine, system};
 use hyst_messages::Role;
 use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints, outline};
@@ -28,8 +30,9 @@ const MOST_MB_S: f64 = 1.0;
 const HOUR_TICKS: u64 = 3_600_000;
 const MOST_REPORT_S: f64 = 10.0;
 const MOST_SEEK_S: f64 = 1.0;
-/// Where in it a tick is sought.
+/// Where in it a tick is sought, and how long before it the newest that is there may lie: a second.
 const SOUGHT_TICK: u64 = 3_000_000;
+const GAP_TICKS: u64 = 1_000;
 /// Recorded time over the time that the virtual clock takes to do it again.
 const LEAST_AGAIN: f64 = 1.0;
 /// Length of the session that is done again, s.
@@ -55,7 +58,7 @@ pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result
     targets.push(target);
     let hour = folder.file("hour.mcap");
     repeat(&session, &hour)?;
-    for (row, target) in [reported(&hour, &folder)?, sought(&hour)?, again(mesh, &folder)?] {
+    for (row, target) in [reported(&hour, &folder)?, sought(&hour)?, judged_before(&hour)?, again(mesh, &folder)?] {
         rows.push(row);
         targets.push(target);
     }
@@ -143,17 +146,39 @@ fn size(session: &Path) -> Result<(Value, Target), Refusal> {
     Ok((row, Target::new("MB of a recording for each second of its session".into(), mb_s, MOST_MB_S, false).required()))
 }
 
-/// Writes the session again and again, each time with the ticks after those before, until the recording has an hour.
+/// A case that nobody comes to the end of, before its first tick.
+fn case() -> Result<Judge, Refusal> {
+    let brief = json!({
+        "name": "bench", "rung": "polyp", "task": "Go on.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
+        "goals": [{ "words": "all of it and more", "is": { "removed": 1e9 } }],
+        "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
+        "warnings": [{ "words": "too hard", "is": { "force_above": 1.0 } }],
+    });
+    Judge::read(&brief.to_string()).map_err(|e| failed(&e))
+}
+
+/// What a referee makes of a block, and keeps of it beside a checkpoint, as a recorder does.
+fn follow(judge: &mut Judge, block: &mut Block) {
+    block.tissue.iter().for_each(|status| judge.tissue(status));
+    block.fluid.iter().for_each(|status| judge.fluid(status));
+    block.applied.iter().for_each(|record| judge.tick(record));
+    if !block.checkpoints.is_empty() {
+        block.judged = judge.kept(judge.last_tick).into_iter().collect();
+    }
+}
+
+/// Writes the session again and again, each time with the ticks after those before, until the recording has an hour; with what is judged of a case.
 fn repeat(session: &Path, hour: &Path) -> Result<(), Refusal> {
     let (facts, blocks) = blocks(session)?;
     let ticks = || blocks.iter().flat_map(|block| &block.applied).map(|record| record.tick);
     let (first, last) = ticks().next().zip(ticks().next_back()).ok_or_else(|| failed(&"the station recorded no tick"))?;
     let length = last + 1 - first;
-    let mut writer = Writer::open(hour, &facts).map_err(|e| failed(&e))?;
+    let (mut writer, mut judge) = (Writer::open(hour, &facts).map_err(|e| failed(&e))?, case()?);
     for round in 0..HOUR_TICKS.div_ceil(length) {
         for block in &blocks {
             let mut block = block.clone();
             shift(&mut block, |tick| (tick + round * length + 1).saturating_sub(first));
+            follow(&mut judge, &mut block);
             writer.append(&block).map_err(|e| failed(&e))?;
         }
     }
@@ -228,6 +253,20 @@ fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
     });
     let name = "A time found in a recording of an hour, with the states before it and the end, s".into();
     Ok((row, Target::new(name, Some(time_s).filter(|_| is_found), MOST_SEEK_S, false).required()))
+}
+
+/// What a replay that begins at that time looks for beside it, if the session has a case: what of it was done before.
+fn judged_before(hour: &Path) -> Result<(Value, Target), Refusal> {
+    let (reader, brief) = (report::open(hour)?, case()?.brief);
+    let begun = Instant::now();
+    let judge = judge_until(reader, &brief, SOUGHT_TICK, report::threads()).map_err(|e| failed(&e))?;
+    let time_s = begun.elapsed().as_secs_f64();
+    let last_tick = judge.last_tick;
+    let row = json!({ "arm": "file", "name": "judged", "tick": SOUGHT_TICK, "last_tick": last_tick, "time_s": time_s });
+    let name = "What of a case was done before that time, judged, s".into();
+    // Some ticks of a session are not there.
+    let is_there = last_tick + GAP_TICKS > SOUGHT_TICK;
+    Ok((row, Target::new(name, Some(time_s).filter(|_| is_there), MOST_SEEK_S, false).required()))
 }
 
 /// A session on the virtual clock, and the same done again and compared.
@@ -344,5 +383,9 @@ mod tests {
         assert_eq!((continuity.ticks, continuity.repeated, continuity.missing()), (HOUR_TICKS, 0, 0));
         let (row, target) = sought(&long).unwrap();
         assert_eq!((row["begin_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK - 199), true), "{row}");
+        let (row, target) = judged_before(&long).unwrap();
+        assert_eq!((row["last_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK), true), "{row}");
+        let kept = Reader::open(&long).unwrap().judged(SOUGHT_TICK).unwrap().unwrap();
+        assert_eq!(kept.tick, SOUGHT_TICK, "it goes on from there");
     }
 }
