@@ -9,6 +9,7 @@ pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
 pub use target::{Aim, Keepers, Target, Which};
 
 use hyst_messages::{Role, Slot};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -16,7 +17,7 @@ use std::path::Path;
 pub const MOST_FAULTS: usize = 100_000;
 
 /// One fault to come.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Injection {
     /// What.
