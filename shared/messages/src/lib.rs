@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+pub mod contents;
 pub mod controls;
 mod fluid;
 pub mod latency;
