@@ -13,6 +13,7 @@ pub use target::{Aim, Keepers, Target, Which};
 pub use thread::Helper;
 
 use hyst_messages::{Role, Slot};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -20,7 +21,7 @@ use std::path::Path;
 pub const MOST_FAULTS: usize = 100_000;
 
 /// One fault to come.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Injection {
     /// What.

@@ -18,7 +18,7 @@ const SHARED: [(&str, &[&str]); 6] = [
     ("scenes", &["default.toml", "myoma.toml"]),
     ("meshes", &["uterus.msh", "polyp.msh", "jaw.obj"]),
     ("campaigns", &["quick.toml", "kills.toml"]),
-    ("schema", &["scene.schema.json", "case.schema.json"]),
+    ("schema", &["scene.schema.json", "case.schema.json", "campaign.schema.json"]),
     ("driver", &["hystation_driver.h", "example_driver.c"]),
 ];
 

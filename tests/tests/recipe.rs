@@ -1,7 +1,8 @@
-//! The recipe of docs/engine.md for an engine outside of the workspace: its commands and its manifest are taken from the page as they stand there, and the compiler
-//! agrees with what comes of it. And the example is as short as the documents say.
+//! The recipe of docs/engine.md for an engine outside of the workspace: its commands and its manifest are taken from the page as they stand there, and what comes
+//! of it conforms. And the examples are as short as the documents say.
 
-use station_tests::{binaries, run};
+use station_tests::shown::not_shown;
+use station_tests::{binaries, hystation, run};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -31,7 +32,7 @@ fn locked(path: &Path) -> BTreeSet<String> {
 
 /// What the packages of others are compiled to is kept beside the station's own, so that only the first time takes long.
 #[test]
-fn the_recipe_of_an_engine_outside_of_the_workspace_compiles_as_it_stands_in_the_document() {
+fn the_recipe_of_an_engine_outside_of_the_workspace_conforms_as_it_stands_in_the_document() {
     let page = text_of(&root().join("docs/engine.md"));
     let folder = binaries().parent().expect("the target folder").join("recipe");
     let (engine, station) = (folder.join("my-fluid"), folder.join("station"));
@@ -47,7 +48,7 @@ fn the_recipe_of_an_engine_outside_of_the_workspace_compiles_as_it_stands_in_the
     let manifest = block(&page, "\n```toml\n").replace("\"../station/", &format!("\"{}/", root().display()));
     std::fs::write(engine.join("Cargo.toml"), manifest).expect("a manifest");
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.args(["check", "--offline", "--release"]).current_dir(&engine).env("CARGO_TARGET_DIR", folder.join("target"));
+    cargo.args(["build", "--offline", "--release"]).current_dir(&engine).env("CARGO_TARGET_DIR", folder.join("target"));
     let (code, _, said) = run(&mut cargo);
     assert_eq!(code, Some(0), "{said}");
     assert!(!said.contains("warning:"), "{said}");
@@ -55,13 +56,35 @@ fn the_recipe_of_an_engine_outside_of_the_workspace_compiles_as_it_stands_in_the
     let (own, ours) = (locked(&engine.join("Cargo.lock")), locked(&root().join("Cargo.lock")));
     let others: Vec<&String> = own.difference(&ours).collect();
     assert!(own.len() > 20 && others.iter().all(|package| package.starts_with("\"my-fluid\"")), "{others:?}");
+    // The page's own words for what comes next.
+    std::os::unix::fs::symlink(folder.join("target"), engine.join("target")).expect("what was built, where it is looked for");
+    let line =
+        page.lines().find_map(|line| line.strip_prefix("hystation ").filter(|words| words.starts_with("conformance fluid")));
+    let words = line.and_then(|line| line.split('#').next()).expect("a command").split_whitespace();
+    let (code, told, said) = run(hystation().args(words).current_dir(&engine));
+    if code == Some(3) {
+        not_shown("whether the recipe's engine conforms: the machine was too busy");
+        return;
+    }
+    assert_eq!(code, Some(0), "{told}\n{said}");
 }
 
 #[test]
-fn the_example_of_an_engine_is_as_short_as_the_documents_say() {
-    let lines = text_of(&root().join("tests/src/bin/example-engine.rs")).lines().count();
-    assert!((50..100).contains(&lines), "{lines} lines");
-    for document in ["README.md", "docs/engine.md"] {
-        assert!(text_of(&root().join(document)).contains("under a hundred lines"), "{document}: {lines} lines");
+fn the_examples_of_engines_are_as_short_as_the_documents_say() {
+    for example in ["example-engine", "example-picture"] {
+        let lines = text_of(&root().join(format!("tests/src/bin/{example}.rs"))).lines().count();
+        assert!((50..100).contains(&lines), "{example}: {lines} lines");
+        assert!(text_of(&root().join("docs/engine.md")).contains(&format!("tests/src/bin/{example}.rs")), "{example}");
     }
+    for document in ["README.md", "docs/engine.md"] {
+        assert!(text_of(&root().join(document)).contains("under a hundred lines"), "{document}");
+    }
+}
+
+/// The example without a state needs nothing of the station but what every engine is made of.
+#[test]
+fn the_example_of_a_rendering_links_no_engine_and_no_solver() {
+    let text = text_of(&root().join("tests/src/bin/example-picture.rs"));
+    let used = text.lines().filter_map(|line| line.strip_prefix("use ")?.split("::").next()).collect::<BTreeSet<_>>();
+    assert_eq!(used, BTreeSet::from(["hyst_engine", "hyst_exchange", "hyst_messages"]));
 }

@@ -320,6 +320,11 @@ mod tests {
     }
 
     #[test]
+    fn the_records_of_a_share_are_those_that_the_documents_say() {
+        assert_eq!(hyst_messages::contents::record_bytes(Kind::Contacts), [size_of::<Hit>(), size_of::<u64>()]);
+    }
+
+    #[test]
     fn a_role_that_comes_back_to_the_holder_before_is_followed_again() {
         let station = Station::named(&format!("t{}-follow", std::process::id())).unwrap();
         station.wipe();

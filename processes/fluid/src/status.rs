@@ -71,3 +71,15 @@ pub(crate) fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
         && numbers.iter().all(|value| value.is_finite())
         && status.on_scope_n.iter().all(|force| force.is_finite())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::{SealRecord, contents};
+
+    #[test]
+    fn the_records_of_a_state_are_those_that_the_documents_say() {
+        let records = [size_of::<Head>(), 1, size_of::<f32>(), size_of::<hyst_flow::Particle>(), size_of::<SealRecord>()];
+        assert_eq!(contents::record_bytes(Kind::FluidState), records);
+    }
+}

@@ -170,6 +170,16 @@ pub fn hash(message: &Message<'_>) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{Kind, contents};
+
+    #[test]
+    fn the_records_of_a_state_are_those_that_the_documents_say() {
+        let (point, word) = (size_of::<[f32; 3]>(), size_of::<u32>());
+        let records: [usize; SECTIONS] =
+            [size_of::<Core>(), point, point, point, size_of::<Memory>(), word, word, size_of::<grasp::Grip>()];
+        assert_eq!(contents::record_bytes(Kind::TissueState), records);
+        assert_eq!(contents::record_bytes(Kind::Topology).len(), crate::clerk::SECTIONS);
+    }
 
     #[test]
     fn a_core_with_a_number_that_is_none_is_not_sane_wherever_it_is() {

@@ -5,6 +5,7 @@
 //! a [`WireError`], never a panic and never a value.
 
 mod admission;
+pub mod contents;
 pub mod controls;
 mod fluid;
 pub mod latency;

@@ -7,10 +7,11 @@ use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Keepers, Place, Targ
 use crate::{plan, policy};
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role, Slot};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 
 /// What the station is doing when the fault comes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
     /// Whatever it does at the drawn tick.
@@ -55,7 +56,7 @@ impl State {
 }
 
 /// What a fault may bring about in its cell, although it is a broken promise in every other; it is counted there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum May {
     /// A state of tissue or fluid goes on from an older one.
@@ -70,30 +71,61 @@ pub enum May {
 const MOST_FOUND_MS: f64 = 60_000.0;
 
 /// Cells as the file has them: every kind × every target × every state.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 pub struct Group {
+    /// Kinds of faults, at least one; of all but cont and undo, which end what another one does.
+    #[schemars(with = "Vec<FaultKind>")]
     kinds: Vec<String>,
+    /// To whom, as for `fault inject`: `haptic:active`, `collision-worker:0`, `tissue:both`, `fluid:newcomer`, `supervisor`; at least one.
     targets: Vec<String>,
+    /// What the station is doing when the fault comes. Default: any.
     #[serde(default = "any")]
+    #[schemars(with = "Vec<State>")]
     states: Vec<String>,
+    /// Faults of each cell in an arm of share 1, above 0.
     count: usize,
+    /// Limit of the one-sided upper 95 % bound of the faults with excess misses, per fault. Default: none of its own in a pool, else the file's.
     limit_upper95: Option<f64>,
+    /// The pool that it is judged in. Default: by itself.
     pool: Option<String>,
+    /// The arms that it is in. Default: all.
     #[serde(default)]
     arms: Vec<String>,
+    /// Misses beyond the control's that each of these faults may cost, ticks. Default: 20 for each device that ends, else none.
     allowed_misses: Option<u64>,
+    /// Half of those that hang are to be found within this time, above 0 to 60 000 ms. Default: that is not judged.
     found_ms: Option<f64>,
+    /// Of state recovery: the fault in whose recovery this one comes, as KIND TARGET and options. Default: a kill of the tissue, of a servo where the tissue
+    /// is the target.
     with: Option<String>,
+    /// Of state swap: the role that is swapped meanwhile. Default: fluid.
     swap: Option<String>,
+    /// What else it may bring about, which is counted and breaks no promise. Default: nothing.
     #[serde(default)]
     may: Vec<May>,
     /// Options of the faults, as `fault inject` and a file for `--faults` take them.
     #[serde(flatten)]
+    #[schemars(schema_with = "options")]
     options: toml::Table,
 }
 
 fn any() -> Vec<String> {
     vec!["any".into()]
+}
+
+/// Keys of a fault that a cell's own stand for.
+const OF_THE_CELL: [&str; 4] = ["kind", "target", "tick", "phase_us"];
+
+/// What a fault may say beyond them.
+fn options(generator: &mut SchemaGenerator) -> Schema {
+    let mut schema = Injection::json_schema(generator);
+    let properties = schema.get_mut("properties").and_then(|properties| properties.as_object_mut());
+    if let Some(properties) = properties {
+        properties.retain(|key, _| !OF_THE_CELL.contains(&key.as_str()));
+    }
+    schema.remove("required"); // all of them are the cell's
+    schema
 }
 
 /// One cell.
@@ -229,7 +261,7 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
         );
     }
     let mut table = options.clone();
-    for key in ["kind", "target", "tick", "phase_us"] {
+    for key in OF_THE_CELL {
         if table.insert(key.into(), toml::Value::Integer(0)).is_some() {
             return Err(format!("key {key:?}: a cell has kinds and targets, and its ticks are drawn"));
         }

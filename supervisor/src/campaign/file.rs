@@ -10,6 +10,7 @@ use crate::faultfile::MOST_FAULTS;
 use crate::plan;
 use crate::settings::{Refusal, check_set};
 use hyst_engine::Settings;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -47,16 +48,16 @@ pub struct Campaign {
 }
 
 /// How the stations are run.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StationPart {
     /// Scene or mesh, relative to the campaign's file; the embedded scene if absent.
     pub scene: Option<PathBuf>,
     /// Folder of the engines' binaries, relative to the campaign's file; those beside this program if absent.
     pub binaries: Option<PathBuf>,
-    /// As for `run --hand`; default `script:press`.
+    /// As for `run --hand`. Default: `script:press`.
     pub hand: Option<String>,
-    /// As for `run --workers`.
+    /// As for `run --workers`. Default: as there.
     pub workers: Option<usize>,
     /// Record each session, and count what is missing in the file. Default: yes.
     pub record: Option<bool>,
@@ -65,10 +66,10 @@ pub struct StationPart {
 }
 
 /// One way of running the stations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Arm {
-    /// Its name.
+    /// Its name, of which there is one.
     pub name: String,
     /// Set in addition to the station's.
     #[serde(default)]
@@ -76,23 +77,23 @@ pub struct Arm {
     /// In place of the station's: another build of the engines beside the first.
     #[serde(default)]
     pub binaries: Option<PathBuf>,
-    /// Share of each cell's count that is injected in this arm.
+    /// Share of each cell's count that is injected in this arm, above 0 to 1. Default: 1.
     #[serde(default = "one")]
     pub share: f64,
-    /// Whether the promises are judged here; else the figures stand beside the others.
+    /// Whether the promises are judged here; else the figures stand beside the others. Default: true.
     #[serde(default = "yes")]
     pub judged: bool,
 }
 
 /// Cells that are judged together.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Pool {
     /// Its name.
     pub name: String,
     /// Limit of the one-sided upper 95 % bound of the faults with excess misses, per fault.
     pub limit_upper95: f64,
-    /// So many of its faults must have a verdict.
+    /// So many of its faults must have a verdict. Default: 0.
     #[serde(default)]
     pub least: usize,
 }
@@ -105,25 +106,37 @@ fn yes() -> bool {
     true
 }
 
-#[derive(Debug, Deserialize)]
+/// A fault campaign: what is injected into stations of its own, how often, and what is promised.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Campaign")]
 struct File {
+    /// Seed of the plan: which fault comes when. Default: 0; `--seed` is taken before it.
     #[serde(default)]
     seed: u64,
+    /// Fewest and most ticks from one fault to the next, 450 to 60 000. Default: [600, 1400].
     #[serde(default = "default_gap_ticks")]
     gap_ticks: [u64; 2],
+    /// Faults after which a fresh station is started, 1 to 1000. Default: 100.
     #[serde(default = "default_faults_per_station")]
     faults_per_station: usize,
+    /// Limit of each cell that states none and is in no pool: the share of its faults with excess misses, below which it has to lie with 95 %; -1 to 1, and
+    /// one below 0 cannot be met. Default: 0.05.
     #[serde(default = "default_limit")]
     limit_upper95: f64,
+    /// Largest share of faults that may be without a verdict (the host stalled, no control window), 0 to 1; above it nothing can be said. Default: 0.2.
     #[serde(default = "default_void")]
     most_void: f64,
+    /// The stations.
     #[serde(default)]
     station: StationPart,
+    /// Ways in which the stations are run, side by side. Default: one, called station.
     #[serde(default)]
     arm: Vec<Arm>,
+    /// Cells that are judged together.
     #[serde(default)]
     pool: Vec<Pool>,
+    /// What is injected: at least one.
     #[serde(default)]
     cell: Vec<cell::Group>,
 }
@@ -170,6 +183,14 @@ pub fn read(path: &Path) -> Result<Campaign, Refusal> {
         }
     }
     Ok(campaign)
+}
+
+/// The JSON schema of a campaign's file, derived from the types that read it.
+pub fn schema_json() -> String {
+    let schema = schemars::schema_for!(File);
+    let mut text = serde_json::to_string_pretty(&schema).unwrap_or_default(); // a schema always serializes
+    text.push('\n');
+    text
 }
 
 /// Reads and checks a campaign's text.

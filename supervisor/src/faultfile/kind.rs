@@ -5,11 +5,12 @@ use crate::policy::is_stateful;
 use hyst_messages::Role;
 use hyst_messages::mischief::Mischief;
 use rustix::process::Signal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 /// What is done to a process: from outside by a signal, or by the process itself because it is asked to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
     /// SIGKILL.

@@ -3,6 +3,7 @@
 use super::{FaultKind, Injection, Keepers};
 use crate::policy::is_stateful;
 use hyst_messages::{Kind, Role, kinds_of};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `crash-loop`: successors that die if nobody says how many.
@@ -17,7 +18,7 @@ pub fn default_rate(kind: FaultKind) -> f64 {
 }
 
 /// Where bytes are flipped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Place {
     /// The target's own page.

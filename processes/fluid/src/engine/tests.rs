@@ -96,6 +96,8 @@ fn whoever_goes_on_from_a_state_takes_its_step_and_says_that_the_scene_asks_for_
         let bytes = engine.message_bytes();
         let mut first = vec![0u64; bytes / 8];
         engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut first)).unwrap();
+        let found = hyst_messages::contents::check(bytemuck::cast_slice(&first), Kind::FluidState);
+        assert_eq!(found, Ok(()), "as docs/messages.md says");
         let stepped = |engine: &mut FlowEngine<'_>, now: &[u64], step_ticks: u64| {
             let mut next = vec![0u64; bytes / 8];
             let context = context(100, step_ticks);

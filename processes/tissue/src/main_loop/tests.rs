@@ -23,7 +23,7 @@ use super::*;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::usher::usher;
 use hyst_exchange::{OwnedPage, Station};
-use hyst_messages::{InputRecord, PieceFlow, Slot};
+use hyst_messages::{InputRecord, PieceFlow, Slot, contents};
 use loans::{LEFT, written};
 
 const STEPS: u64 = 12;
@@ -169,12 +169,14 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
         contacts += main.status.contact_count;
     }
     assert!(contacts > 0, "the tool touched nothing: the memory of its points was not looked at");
+    assert_eq!(contents::check(bytemuck::cast_slice(&now), Kind::TissueState), Ok(()), "as docs/messages.md says");
 
     let world = Arc::clone(&main.world);
     main.collision.open(&life, &links, &world).unwrap();
     main.arrival(page_of(&station, Role::CollisionWorker), &mut inbox);
     let jobs = LEFT.map(|left| job(&mut main, left));
     assert!(jobs[0] == jobs[1] && jobs[0] == jobs[2], "a job depends on what lay in the loan");
+    assert_eq!(contents::check(&jobs[0], Kind::CollisionJob), Ok(()), "as docs/messages.md says");
     drop((main, links, inbox));
 }
 
