@@ -12,12 +12,14 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::{broadcast, watch};
+use tokio::sync::{Semaphore, broadcast, watch};
 
 /// Events that a browser gets that comes anew.
 const KEPT_LINES: usize = 100;
 /// News that wait for a browser; one that has more to take is left behind, and comes again.
 const WAITING_NEWS: usize = 256;
+/// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
+pub const VERIFIERS: usize = 2;
 /// How long pictures are made after a browser has asked for one, ns: until it asks again.
 const PICTURES_FOR_NS: u64 = 2_000_000_000;
 
@@ -33,6 +35,7 @@ pub struct Desk {
     news: broadcast::Sender<Bytes>,
     pictures: watch::Sender<Option<Arc<Picture>>>,
     pictures_until_ns: AtomicU64,
+    verifying: Arc<Semaphore>,
 }
 
 /// What is known now.
@@ -58,7 +61,8 @@ impl Desk {
         let look = Look { silence: Some("the supervisor was not asked yet".into()), ..Look::default() };
         let known = Mutex::new(Known { look, ..Known::default() });
         let (news, pictures) = (broadcast::Sender::new(WAITING_NEWS), watch::Sender::new(None));
-        Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0) }
+        let verifying = Arc::new(Semaphore::new(VERIFIERS));
+        Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0), verifying }
     }
 
     /// Whoever panicked with it has ended the process.
@@ -74,6 +78,11 @@ impl Desk {
     /// The station.
     pub fn station(&self) -> &Station {
         &self.station
+    }
+
+    /// The turns of those who have a binary verified.
+    pub fn verifying(&self) -> &Arc<Semaphore> {
+        &self.verifying
     }
 
     /// What the supervisor said, or why it said nothing.

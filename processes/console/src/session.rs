@@ -1,7 +1,7 @@
 //! The whole life of the console, on one thread: twenty times a second what happened, the pump, the case, the newest picture; between that, browsers. So a
 //! console that beats also answers. Promise: it comes back at the address that it had, and a browser that stalls costs it nothing but a seat.
 
-use crate::desk::Desk;
+use crate::desk::{Desk, VERIFIERS};
 use crate::door::{Door, Visitors};
 use crate::referee::Referee;
 use crate::sources::Sources;
@@ -16,8 +16,6 @@ use tokio::time::MissedTickBehavior;
 
 /// Between two looks: an event is shown this soon, and a stop noticed.
 const LOOK: Duration = Duration::from_millis(50);
-/// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
-const VERIFIERS: usize = 2;
 
 /// The whole life of the console.
 pub fn run(life: &Life) -> Result<(), Failure> {
