@@ -1,7 +1,7 @@
 //! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
 //! browser that does not keep up is left behind.
 
-use crate::look::{History, Look, Pictures, Pump, Status, Tissue};
+use crate::look::{History, Look, Pictures, Pump, Status, Swapping, Tissue};
 use crate::picture::Picture;
 use axum::body::Bytes;
 use hyst_engine::Address;
@@ -113,6 +113,17 @@ impl Desk {
         self.known().look.pictures = pictures;
     }
 
+    /// Which swaps are under way.
+    pub fn note_swaps(&self, swaps: Vec<Swapping>) {
+        self.known().look.swaps = swaps;
+    }
+
+    /// Who trains, and which recording is shown again.
+    pub fn introduce(&self, trainee: Option<String>, replay: Option<String>) {
+        let mut known = self.known();
+        (known.look.trainee, known.look.replay) = (trainee, replay);
+    }
+
     /// Case and judgement.
     pub fn note_case(&self, told: &serde_json::Value) {
         let case = message("case", None, told);
@@ -222,6 +233,19 @@ mod tests {
         assert_eq!((look.status, look.silence.as_deref()), (status.clone(), Some("no supervisor answers")));
         desk.note(Ok(status));
         assert_eq!(desk.look().silence, None);
+    }
+
+    #[test]
+    fn who_trains_what_is_shown_again_and_what_is_swapped_is_told_in_every_look() {
+        let desk = desk();
+        desk.introduce(Some("Ana Müller".into()), Some("/a.mcap".into()));
+        desk.note_swaps(vec![Swapping { role: "fluid", stage: "on probation" }]);
+        let (_, mut news) = desk.subscribe(0);
+        desk.note(Ok(Status::default()));
+        let told = text(&news.try_recv().unwrap());
+        for said in ["\"trainee\":\"Ana Müller\"", "\"replay\":\"/a.mcap\"", "{\"role\":\"fluid\",\"stage\":\"on probation\"}"] {
+            assert!(told.contains(said), "{said}: {told}");
+        }
     }
 
     #[test]

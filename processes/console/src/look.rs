@@ -2,8 +2,9 @@
 //! rendering of its pictures.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
+use hyst_messages::page::{Stage, Swap};
 use hyst_messages::{
-    CUT_LIMIT, FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Slot, TissueStatus,
+    CUT_LIMIT, FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Role, Slot, TissueStatus,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -176,7 +177,10 @@ pub struct Tissue {
 impl Tissue {
     /// From what it says.
     pub fn new(status: &TissueStatus) -> Tissue {
-        let notices = if status.cut_limits > 0 { vec![CUT_LIMIT.to_string()] } else { Vec::new() };
+        let cut_limit = (status.cut_limits > 0).then(|| CUT_LIMIT.to_string());
+        let ms = status.step_ticks;
+        let slow = (ms > 1).then(|| format!("computed every {ms} ms: for every millisecond this machine is too slow"));
+        let notices = cut_limit.into_iter().chain(slow).collect();
         let TissueStatus { cut_limits, substeps, corrections, hits_dropped, .. } = *status;
         Tissue { cut_limits, substeps, corrections, hits_dropped, notices }
     }
@@ -221,6 +225,27 @@ impl Pictures {
     }
 }
 
+/// A swap that is under way.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Swapping {
+    /// The role.
+    pub role: &'static str,
+    /// How far it is, in words.
+    pub stage: &'static str,
+}
+
+/// The swaps of which the newcomer is there, by what the station's page says of each role.
+pub fn swaps(of: impl Fn(Role) -> Swap) -> Vec<Swapping> {
+    let words = |stage: Stage| match stage {
+        Stage::None => None,
+        Stage::Shadow => Some("the newcomer computes beside the old engine and is compared with it"),
+        Stage::Trial => Some("the newcomer has the role, on probation"),
+        Stage::Settled => Some("the newcomer has passed, and the others of its role are replaced"),
+        Stage::Undone => Some("the newcomer is sent away, and the old engine has the role again"),
+    };
+    Role::ALL.into_iter().filter_map(|role| Some(Swapping { role: role.name(), stage: words(of(role).stage)? })).collect()
+}
+
 /// What the page shows of one moment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Look {
@@ -235,6 +260,12 @@ pub struct Look {
     pub tissue: Option<Tissue>,
     /// How pictures are made, likewise.
     pub pictures: Option<Pictures>,
+    /// Swaps that are under way.
+    pub swaps: Vec<Swapping>,
+    /// Who trains, if that was said.
+    pub trainee: Option<String>,
+    /// The recording that is shown again, if one is.
+    pub replay: Option<String>,
 }
 
 /// Rate (Hz), wake-up latency and loop latency (µs) of a process at one look.
@@ -316,10 +347,23 @@ mod tests {
     }
 
     #[test]
+    fn a_swap_is_told_by_its_role_and_how_far_it_is_and_none_where_there_is_none() {
+        let stages = [Stage::Shadow, Stage::Trial, Stage::Settled, Stage::Undone];
+        let of = |stage| swaps(|role| if role == Role::Fluid { Swap { stage, guest: 9 } } else { Swap::default() });
+        let told: Vec<Swapping> = stages.into_iter().flat_map(of).collect();
+        assert!(told.len() == 4 && told.iter().all(|swap| swap.role == "fluid"), "{told:?}");
+        assert!((1..4).all(|at| !told[..at].contains(&told[at])), "each stage has its own words: {told:?}");
+        assert_eq!(of(Stage::None), []);
+    }
+
+    #[test]
     fn a_loop_that_cuts_no_finer_is_said_in_words_and_one_that_does_is_not() {
         let of = |cut_limits| Tissue::new(&TissueStatus { cut_limits, substeps: 8, ..TissueStatus::default() });
         assert_eq!(of(0), Tissue { substeps: 8, ..Tissue::default() });
         assert_eq!(of(3).notices, ["the loop cuts no finer here: the mesh has reached its limit"]);
+        let every = |step_ticks| Tissue::new(&TissueStatus { step_ticks, ..TissueStatus::default() }).notices;
+        assert_eq!(every(2), ["computed every 2 ms: for every millisecond this machine is too slow"]);
+        assert!(every(1).is_empty());
         let look = Look { tissue: Some(of(3)), ..Look::default() };
         assert_eq!(serde_json::to_value(look).unwrap()["tissue"]["cut_limits"], json!(3));
     }

@@ -193,7 +193,7 @@ mod tests {
             passes_s: [0.0, 0.5, 0.0, 0.0, 0.0],
             ..Pictures::default()
         };
-        let text = text(&Look { status, silence: None, pump: Some(pump), tissue: None, pictures: Some(pictures) });
+        let text = text(&Look { status, pump: Some(pump), pictures: Some(pictures), ..Look::default() });
         for line in [
             "hystation_tick 1234.0",
             "hystation_supervisor_answers 1.0",

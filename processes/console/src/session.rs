@@ -3,6 +3,7 @@
 
 use crate::desk::{Desk, VERIFIERS};
 use crate::door::{Door, Visitors};
+use crate::look;
 use crate::referee::Referee;
 use crate::sources::Sources;
 use crate::{ask, web};
@@ -31,13 +32,16 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
     let mut sources = Sources::open(life, referee.is_some())?;
     let mut journal = Journal::open(&life.station);
     let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.clone()));
+    // A name that cannot be one is refused where the station is started.
+    let trainee = life.settings.trainee().ok().flatten().map(str::to_string);
+    desk.introduce(trainee, life.settings.recording().map(|file| file.display().to_string()));
     tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
     tokio::spawn(ask::follow(Arc::clone(&desk)));
-    let mut look = tokio::time::interval(LOOK);
-    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     life.page.set_state(ProcessState::Live);
     while !life.clock.stop_requested() && life.clock.incarnation(life.slot) <= life.incarnation {
-        look.tick().await;
+        looks.tick().await;
         let begun_ns = system::now_ns();
         life.misbehave();
         desk.tell(journal.news());
@@ -45,6 +49,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         desk.note_pump(sources.pump());
         desk.note_tissue(sources.cutting());
         desk.note_pictures(sources.drawn());
+        desk.note_swaps(look::swaps(|role| life.clock.swap(role)));
         if let Some(told) = referee.as_mut().and_then(|referee| referee.look(&sources)) {
             desk.note_case(&told);
         }
