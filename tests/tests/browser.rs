@@ -1,6 +1,9 @@
 //! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, that it is read and used by keys, and that a
 //! warning is heard.
 
+#[path = "browser/glance.rs"]
+mod glance;
+
 use serde_json::{Value, json};
 use station_tests::browser::{Browser, has_chromium};
 use station_tests::shown::not_shown;
@@ -264,6 +267,7 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     let connected = |look: &Value| is_connected(look).then(|| look["banner"].clone());
     assert_eq!(browser.wait("that it is connected", LOOK, connected), Value::Null, "no banner of a test mode that is off");
 
+    glance::assert_connection_is_what_is_said(&mut browser);
     let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
     if is_drawn {
         let before = picture(&mut browser, 0);
