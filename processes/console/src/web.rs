@@ -247,6 +247,7 @@ async fn fault(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{PUMP_ALARMS, PUMP_NOTICES};
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::sync::mpsc::channel;
 
@@ -282,6 +283,16 @@ mod tests {
         });
         assert_eq!(last.and_then(Result::ok), Some(7), "the turn of what has ended is the next one's");
         assert!(!begun.load(Ordering::Relaxed));
+    }
+
+    #[test]
+    fn each_alarm_of_the_pump_is_told_with_the_meaning_that_the_handbook_gives_it() {
+        let handbook = include_str!("../../../docs/handbook.md");
+        for (_, name) in PUMP_ALARMS.iter().filter(|(bit, _)| bit & PUMP_NOTICES == 0) {
+            let row = handbook.lines().find_map(|line| line.strip_prefix(&format!("| {name} | "))).unwrap();
+            let meaning = row.split(" |").next().unwrap();
+            assert!(PAGE.contains(&format!("'{name}': '{meaning}',")), "{name}: {meaning}");
+        }
     }
 
     #[test]

@@ -31,3 +31,29 @@ pub fn assert_connection_is_what_is_said(browser: &mut Browser) {
     let said = json!([["connecting", false], ["connected", false], ["connection lost, trying again", lost]]);
     assert_eq!((&told["said"], &told["isGreen"], &told["after"]), (&said, &Value::Bool(true), &Value::Bool(false)), "{told}");
 }
+
+/// What stands above everything else: alarms, each with what it means, with their count in the name of the tab, and a swap; then nothing of it.
+const ABOVE: &str = r"(() => {
+    const alarms = document.getElementById('alarms'), swaps = document.getElementById('swaps');
+    const texts = () => [[...alarms.children].map(item => item.textContent), document.title.startsWith('(2) Hyst'), swaps.checkVisibility(), swaps.textContent];
+    showTold({ alarms: ['perforation'], notices: [] }, ['fluid']);
+    showSwaps([{ role: 'recorder', stage: 'the newcomer has the role, on probation' }]);
+    const told = texts();
+    scrollTo(0, document.documentElement.scrollHeight);
+    const { top, bottom } = alarms.getBoundingClientRect();
+    const isSeen = top >= 0 && bottom <= innerHeight && scrollY > 0;
+    scrollTo(0, 0);
+    showTold(null, []);
+    showSwaps([]);
+    return { told, isSeen, after: texts() };
+})()";
+
+/// That alarms and swaps stand above everything, wherever the page is scrolled to, and mean something to who has no handbook.
+pub fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
+    let told = browser.evaluate(ABOVE).expect("what stands above everything");
+    let perforation = "Pump: perforation – 60 ml/min more than all veins and the sheath could take are lost";
+    let alarms = json!([perforation, "fluid is held still: pressure, flow and deficit stand"]);
+    let swap = "recorder is swapped: the newcomer has the role, on probation.";
+    assert_eq!(told["told"], json!([alarms, true, true, swap]));
+    assert_eq!((&told["isSeen"], &told["after"]), (&Value::Bool(true), &json!([[], false, false, ""])));
+}
