@@ -325,6 +325,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
         assert_eq!(plot, [&json!("0 0 29 100"), &json!(10), &json!("0.0 to 9.0")]);
     }
     glance::assert_alarms_and_swaps_stand_above_everything(&mut browser);
+    glance::assert_head_says_whose_session_it_is_and_whether_it_is_recorded(&mut browser);
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
     let called_off = json!(["– resect – not called for any more", true]);
     let runs = json!([["○ look – 30 %", false], ["○ stop – not called for yet", false], called_off]);

@@ -57,3 +57,37 @@ pub fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
     assert_eq!(told["told"], json!([alarms, true, true, swap]));
     assert_eq!((&told["isSeen"], &told["after"]), (&Value::Bool(true), &json!([[], false, false, ""])));
 }
+
+/// Whether something is recorded, who trains and what is shown again, and what is agreed on of a case, in the head of the page and under its task.
+const HEAD: &str = r"(() => {
+    const text = id => document.getElementById(id).checkVisibility() && document.getElementById(id).textContent;
+    const recorded = stands_still => {
+        showRecording({ file: '/a.mcap', ticks: 7, lost: 0, bytes: 2000000, behind_ticks: 5, stands_still });
+        return text('recorded');
+    };
+    const recording = [recorded(null), recorded('no room')];
+    showRecording(null);
+    recording.push(text('recorded'));
+    showWho('Ana Müller', null);
+    const who = [text('who')];
+    showWho('Ana Müller', '/b.mcap');
+    who.push(text('who'));
+    showWho(null, null);
+    who.push(text('who'));
+    const told = { name: 'A case', task: 'Do it.', ended: null, goals: [], warnings: [], seed: 7, ends: ['all goals are reached', 'after 600 s'] };
+    const terms = [null, 12.34].map(began_s => {
+        showCase({ ...told, began_s });
+        return text('terms');
+    });
+    return { recording, who, terms };
+})()";
+
+/// That one sees at the page's head whether anything is recorded and whose session it is, and under the task what was agreed on.
+pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut Browser) {
+    let told = browser.evaluate(HEAD).expect("what the head of the page says");
+    assert_eq!(told["recording"], json!(["recording", "recording stands still", "not recorded"]));
+    assert_eq!(told["who"], json!(["trainee: Ana Müller", "replay of /b.mcap, trainee: Ana Müller", false]));
+    let terms = |began: &str| format!("Seed 7. It ends: all goals are reached; after 600 s. {began}");
+    let began = [terms("The time has not begun to count."), terms("The time counts from 12.3 s.")];
+    assert_eq!(told["terms"], json!(began));
+}
