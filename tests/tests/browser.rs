@@ -278,9 +278,9 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     let least = if is_drawn { COLOURS } else { 2 };
     assert!(colours >= least, "the page is drawn in {colours} colours");
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+    glance::assert_fits_narrow_screens(&mut browser);
     let [width, height] = SCREEN;
-    let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
-    browser.ask("Emulation.setDeviceMetricsOverride", screen);
+    glance::set_screen(&mut browser, SCREEN);
     let fits = browser.evaluate(FITS).expect("what fits");
     assert_eq!(fits[0], json!([]), "cropped at {width} × {height}");
     assert!(fits[1].as_u64().is_some_and(|bottom| bottom <= height), "the live view ends at {} of {height}", fits[1]);

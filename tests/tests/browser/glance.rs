@@ -91,3 +91,33 @@ pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: 
     let began = [terms("The time has not begun to count."), terms("The time counts from 12.3 s.")];
     assert_eq!(told["terms"], json!(began));
 }
+
+/// What of the page is wider than its place: the page itself, its parts, and the table, which alone may be moved sideways, on a phone.
+const WIDE: &str = r"(() => {
+    const isWide = part => part.scrollWidth > part.clientWidth + 1;
+    const parts = [document.documentElement, ...document.querySelectorAll('header, section:not([aria-labelledby=processes-title])')];
+    const table = document.querySelector('section[aria-labelledby=processes-title]');
+    return [parts.filter(isWide).map(part => part.textContent.slice(0, 40)), isWide(table)];
+})()";
+
+/// Screens, CSS pixels: the narrowest of a projector or an old laptop, on which the table is seen as a whole; half a screen, just above and below where both columns
+/// have room; a phone.
+const PROJECTOR: [u64; 2] = [1024, 768];
+const NARROW: [[u64; 2]; 3] = [[870, 800], [820, 800], [390, 844]];
+
+/// Shows the page on a screen, CSS pixels.
+pub fn set_screen(browser: &mut Browser, [width, height]: [u64; 2]) {
+    let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+    browser.ask("Emulation.setDeviceMetricsOverride", screen);
+}
+
+/// That nothing is cropped on screens that are narrower than a laptop's.
+pub fn assert_fits_narrow_screens(browser: &mut Browser) {
+    set_screen(browser, PROJECTOR);
+    assert_eq!(browser.evaluate(WIDE), Some(json!([[], false])), "cropped at {PROJECTOR:?}");
+    for screen in NARROW {
+        set_screen(browser, screen);
+        let wide = browser.evaluate(WIDE).expect("what is too wide");
+        assert_eq!(wide[0], json!([]), "cropped at {screen:?}");
+    }
+}
