@@ -121,3 +121,32 @@ pub fn assert_fits_narrow_screens(browser: &mut Browser) {
         assert_eq!(wide[0], json!([]), "cropped at {screen:?}");
     }
 }
+
+/// What the buttons at the page's head are called, and what they do: that of the sound while it is muted, and that of the shade twice.
+const BUTTONS: &str = r"(() => {
+    const [sound, shade] = ['sound', 'shade'].map(id => document.getElementById(id));
+    const wasMuted = isMuted;
+    isMuted = true;
+    nameSound();
+    const muted = [sound.textContent, sound.getAttribute('aria-pressed')];
+    isMuted = wasMuted;
+    nameSound();
+    nameShade();
+    const told = () => [shade.textContent, getComputedStyle(document.body).backgroundColor, localStorage.getItem('shade')];
+    const [first, second, third] = [0, 1, 1].map(clicks => {
+        if (clicks) shade.click();
+        return told();
+    });
+    delete document.documentElement.dataset.shade;
+    localStorage.removeItem('shade');
+    return { muted, names: [first[0], second[0]].sort(), isOther: first[1] !== second[1], isBack: first[1] === third[1] && first[0] === third[0],
+        kept: [second[2], third[2]].sort() };
+})()";
+
+/// That a page can be dark in a dark room whatever the desktop is, and that a muted one says so to eye and ear alike.
+pub fn assert_buttons_say_what_they_do(browser: &mut Browser) {
+    let told = browser.evaluate(BUTTONS).expect("what the buttons do");
+    let names = json!(["Dark page", "Light page"]);
+    let all = json!({ "muted": ["Warnings are muted", "true"], "names": names, "isOther": true, "isBack": true, "kept": ["dark", "light"] });
+    assert_eq!(told, all);
+}
