@@ -313,6 +313,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the banner of the test mode", LOOK, |look| look["banner"].as_str()?.starts_with("Test mode: ").then_some(()));
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
+    glance::assert_missing_pictures_are_explained(&mut browser);
     glance::assert_buttons_say_what_they_do(&mut browser);
     let sizes = browser.evaluate(SIZES).expect("the sizes of all letters");
     let [least, figures] = [&sizes[0][0], &sizes[1]].map(|size| size.as_f64().unwrap_or(0.0));

@@ -150,3 +150,19 @@ pub fn assert_buttons_say_what_they_do(browser: &mut Browser) {
     let all = json!({ "muted": ["Warnings are muted", "true"], "names": names, "isOther": true, "isBack": true, "kept": ["dark", "light"] });
     assert_eq!(told, all);
 }
+
+/// What stands in the place of the live view: of a station that has drawn nothing, of one that draws, and of one that drew.
+const NO_PICTURE: &str = r"(() => {
+    const note = (pictures, isFirst) => {
+        showPicturing(pictures, []);
+        return noteOf(isFirst).split('.')[0];
+    };
+    const pictures = { period_s: 0.04, scale: 1, size_px: [640, 480] };
+    return [note(null, true), note(pictures, true), note(null, false)];
+})()";
+
+/// That a station which draws nothing is not waited for as one whose first picture is under way.
+pub fn assert_missing_pictures_are_explained(browser: &mut Browser) {
+    let told = browser.evaluate(NO_PICTURE);
+    assert_eq!(told, Some(json!(["Nothing is drawn so far", "There is no picture yet", "No new picture comes"])));
+}
