@@ -1,9 +1,9 @@
-//! What the strip of text says: time, pump with its alarms, pictures per second, the case, and for some seconds which process was replaced.
+//! What the strip of text says: time, pump with its alarms, pictures per second, the case, what is held still, and for some seconds which process was replaced.
 
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, SLOTS, Slot};
+use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Slot};
 use rendering::{ALARM, COLUMNS, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
@@ -26,6 +26,8 @@ pub struct Strip {
     lives: [u32; SLOTS],
     /// Who was replaced within the time of a sign.
     signed: Vec<Slot>,
+    /// Roles whose state is held still, because no successor survives a step of it: of the tissue there is no force.
+    held: Vec<&'static str>,
     sign: String,
     sign_until: u64,
     counted_from: u64,
@@ -63,13 +65,15 @@ impl Strip {
         }
     }
 
-    /// Looks at the slots: a life that follows another one is a replacement.
+    /// Looks at the slots, where a life that follows another one is a replacement, and at what is held still.
     pub fn look(&mut self, clock: &StationPage, tick: u64) {
         for number in 0..SLOTS {
             if let Some(slot) = Slot::from_number(number) {
                 self.note(slot, clock.incarnation(slot), tick);
             }
         }
+        self.held.clear();
+        self.held.extend(Role::ALL.into_iter().filter(|role| clock.is_held(*role)).map(Role::name));
     }
 
     /// Asks what is told of the case.
@@ -130,6 +134,7 @@ impl Strip {
                 _ => format!("notice   {name}"),
             }));
         }
+        lines.extend(self.held.iter().map(|role| format!("{ALARM}    {role} is held still")));
         if tick < self.limit_until {
             lines.push(CUT_LIMIT.to_string());
         }
@@ -141,7 +146,7 @@ impl Strip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::Role;
+    use hyst_exchange::Station;
 
     #[test]
     fn in_test_mode_the_first_line_says_so_for_ever_and_otherwise_there_is_none() {
@@ -151,6 +156,28 @@ mod tests {
             assert_eq!(lines.split_first(), Some((&TEST_MODE.to_string(), &plain[..])));
         }
         assert!(TEST_MODE.len() <= rendering::COLUMNS);
+    }
+
+    /// The hand felt nothing any more, and the picture did not say why.
+    #[test]
+    fn a_role_that_is_held_still_is_an_alarm_for_as_long_as_it_is() {
+        let station = Station::named(&format!("t{}-strip", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (keeper, clock) = (station.open_for_keeping().unwrap(), station.open().unwrap());
+        let mut strip = Strip::default();
+        let last = |held: u32| {
+            keeper.store32(layout::HELD + Role::Tissue as usize, held);
+            strip.look(&clock, 10);
+            strip.overlay(10, Some(&FluidStatus::default()), None).lines.pop()
+        };
+        let told = [0, 1, 0].map(last);
+        assert_eq!(
+            told.each_ref().map(|line| line.as_deref() == Some("ALARM    tissue is held still")),
+            [false, true, false],
+            "{told:?}"
+        );
+        station.wipe();
     }
 
     #[test]
