@@ -3,7 +3,7 @@
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Slot};
+use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Slot};
 use rendering::{ALARM, COLUMNS, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
@@ -16,6 +16,8 @@ const HEAR_TICKS: u64 = 400;
 const TEST_MODE: &str = "*** TEST MODE: faults may be injected ***";
 /// What stands there while the loop cuts no finer, for some seconds after each sweep that met a limit.
 const CUT_LIMIT: &str = "notice   no finer cut here: mesh at its limit";
+/// Valves below this are shut, of 0 to 1, as a report has it.
+const SHUT: f32 = 0.05;
 /// 1 mmHg, Pa.
 const MMHG_PA: f32 = 133.322;
 
@@ -28,6 +30,8 @@ pub struct Strip {
     signed: Vec<Slot>,
     /// Roles whose state is held still, because no successor survives a step of it: of the tissue there is no force.
     held: Vec<&'static str>,
+    /// What stands beside the flow: which valves are shut.
+    shut: &'static str,
     sign: String,
     sign_until: u64,
     counted_from: u64,
@@ -74,6 +78,18 @@ impl Strip {
         }
         self.held.clear();
         self.held.extend(Role::ALL.into_iter().filter(|role| clock.is_held(*role)).map(Role::name));
+    }
+
+    /// Takes how the valves stand; a flow of nothing is not said to be anybody's doing where that is not known.
+    pub fn turn(&mut self, controls: Option<&Controls>) {
+        let are_shut =
+            controls.map_or([false; 2], |controls| [controls.inflow_valve, controls.outflow_valve].map(|valve| valve < SHUT));
+        self.shut = match are_shut {
+            [true, true] => ", both shut",
+            [true, false] => ", inflow shut",
+            [false, true] => ", outflow shut",
+            [false, false] => "",
+        };
     }
 
     /// Asks what is told of the case.
@@ -126,7 +142,7 @@ impl Strip {
         if let Some(fluid) = fluid {
             let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", set_pa / MMHG_PA));
             lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
-            lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
+            lines.push(format!("flow     {:4.0} ml/min{}", fluid.inflow_ml_min, self.shut));
             lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml.round() + 0.0)); // of a little less than nothing no minus is left
             let said = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
             lines.extend(said.map(|(bit, name)| match bit & PUMP_NOTICES {
@@ -247,6 +263,22 @@ mod tests {
         let overlay = strip.overlay(61_000, Some(&fluid), None);
         assert_eq!(overlay.lines, ["01:01   40 pictures/s", "pressure   70 mmHg", "flow      120 ml/min", "deficit    13 ml"]);
         assert_eq!(strip.overlay(61_000, Some(&fluid), Some(9_999.0)).lines[1], "pressure   70 mmHg, set 75");
+    }
+
+    #[test]
+    fn a_valve_that_is_shut_is_told_beside_the_flow_and_one_that_is_open_or_not_known_is_not() {
+        let mut strip = Strip::default();
+        let mut told = |valves: Option<[f32; 2]>| {
+            let of = |[inflow_valve, outflow_valve]: [f32; 2]| Controls { inflow_valve, outflow_valve, ..Controls::default() };
+            strip.turn(valves.map(of).as_ref());
+            strip.overlay(0, Some(&FluidStatus::default()), None).lines.swap_remove(2)
+        };
+        assert_eq!(told(Some([0.0, 0.3])), "flow        0 ml/min, inflow shut");
+        assert_eq!(told(Some([1.0, 0.0])), "flow        0 ml/min, outflow shut");
+        assert_eq!(told(Some([0.0, 0.0])), "flow        0 ml/min, both shut");
+        for valves in [Some([1.0, 0.3]), Some([f32::NAN; 2]), None] {
+            assert_eq!(told(valves), "flow        0 ml/min", "{valves:?}");
+        }
     }
 
     #[test]
