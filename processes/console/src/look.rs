@@ -12,6 +12,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 /// Looks that are kept for the plots: three minutes.
 pub const KEPT_LOOKS: usize = 180;
+/// Valves below this are shut, of 0 to 1, as in the picture and in a report.
+const SHUT: f32 = 0.05;
 /// 1 mmHg, Pa.
 const MMHG_PA: f64 = 133.322;
 
@@ -104,6 +106,8 @@ pub struct Pump {
     pub inflow_ml_min: f64,
     /// Flow out of it, ml/min.
     pub outflow_ml_min: f64,
+    /// Whether the valves of inflow and outflow are shut; not where the hardware says nothing.
+    pub shut: [bool; 2],
     /// Volume in minus volume out, ml.
     pub deficit_ml: f64,
     /// Volume of the cavity, ml.
@@ -130,11 +134,13 @@ impl Pump {
     /// From what fluid and hardware say; `None` if it makes no sense.
     pub fn new(status: &FluidStatus, sample: Option<&HardwareSample>) -> Option<Pump> {
         let set_pa = sample.map(|sample| f64::from(sample.controls.obeyed_pressure_pa())).filter(|set_pa| set_pa.is_finite());
+        let valves = sample.map(|sample| [sample.controls.inflow_valve, sample.controls.outflow_valve]);
         let pump = Pump {
             pressure_mmhg: f64::from(status.pressure_pa) / MMHG_PA,
             set_mmhg: set_pa.map(|set_pa| set_pa / MMHG_PA),
             inflow_ml_min: f64::from(status.inflow_ml_min),
             outflow_ml_min: f64::from(status.outflow_ml_min),
+            shut: valves.map_or([false; 2], |valves| valves.map(|valve| valve < SHUT)),
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
@@ -373,7 +379,7 @@ mod tests {
         let alarms = 1 | 4 | 16 | 64;
         let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms, ..FluidStatus::default() };
         let mut sample = HardwareSample::default();
-        sample.controls.set_pressure_pa = 13_332.2;
+        (sample.controls.set_pressure_pa, sample.controls.inflow_valve) = (13_332.2, 0.3);
         let pump = Pump::new(&status, Some(&sample)).unwrap();
         assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
         assert_eq!(
@@ -381,7 +387,9 @@ mod tests {
             (12.5, 1.5, "pressure, abnormal loss, unknown (0x40)".to_string())
         );
         assert_eq!(pump.notices, ["container change"], "it asks for nothing, so it is no alarm");
-        assert_eq!(Pump::new(&status, None).unwrap().set_mmhg, None);
+        assert_eq!(pump.shut, [false, true]);
+        let unset = Pump::new(&status, None).unwrap();
+        assert_eq!((unset.set_mmhg, unset.shut), (None, [false; 2]), "nobody says how it is set");
         assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
     }
 }

@@ -58,7 +58,8 @@ pub fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
     assert_eq!((&told["isSeen"], &told["after"]), (&Value::Bool(true), &json!([[], false, false, ""])));
 }
 
-/// Whether something is recorded, who trains and what is shown again, and what is agreed on of a case, in the head of the page and under its task.
+/// Whether something is recorded, who trains and what is shown again, and what is agreed on of a case, in the head of the page and under its task; and of the pump
+/// which valve is shut.
 const HEAD: &str = r"(() => {
     const text = id => document.getElementById(id).checkVisibility() && document.getElementById(id).textContent;
     const recorded = stands_still => {
@@ -70,6 +71,8 @@ const HEAD: &str = r"(() => {
     recording.push(text('recorded'));
     showWho('Ana Müller', null);
     const who = [text('who')];
+    showPump({ inflow_ml_min: 85.4, outflow_ml_min: 0, shut: [false, true] });
+    const pump = ['inflow', 'outflow'].map(port => document.getElementById(`pump-${port}`).parentElement.textContent);
     showWho('Ana Müller', '/b.mcap');
     who.push(text('who'));
     showWho(null, null);
@@ -79,10 +82,10 @@ const HEAD: &str = r"(() => {
         showCase({ ...told, began_s });
         return text('terms');
     });
-    return { recording, who, terms };
+    return { recording, who, terms, pump };
 })()";
 
-/// That one sees at the page's head whether anything is recorded and whose session it is, and under the task what was agreed on.
+/// That one sees at the page's head whether anything is recorded and whose session it is, under the task what was agreed on, and at the pump a valve that is shut.
 pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut Browser) {
     let told = browser.evaluate(HEAD).expect("what the head of the page says");
     assert_eq!(told["recording"], json!(["recording", "recording stands still", "not recorded"]));
@@ -90,6 +93,7 @@ pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: 
     let terms = |began: &str| format!("Seed 7. It ends: all goals are reached; after 600 s. {began}");
     let began = [terms("The time has not begun to count."), terms("The time counts from 12.3 s.")];
     assert_eq!(told["terms"], json!(began));
+    assert_eq!(told["pump"], json!(["85 ml/min", "0 ml/min, shut"]));
 }
 
 /// What of the page is wider than its place: the page itself, its parts, and the table, which alone may be moved sideways, on a phone.
