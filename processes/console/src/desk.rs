@@ -1,8 +1,9 @@
 //! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
 //! browser that does not keep up is left behind.
 
-use crate::look::{History, Look, Pictures, Pump, Status, Swapping, Tissue};
+use crate::look::{History, Look, Pictures, Status, Swapping, Tissue};
 use crate::picture::Picture;
+use crate::pump::Pump;
 use axum::body::Bytes;
 use hyst_engine::Address;
 use hyst_engine::journal::Line;

@@ -1,21 +1,16 @@
-//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, what the fluid says of the pump, and
-//! rendering of its pictures.
+//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, the tissue of itself, and rendering of its
+//! pictures; [`crate::pump`] has the pump.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
+use crate::pump::Pump;
 use hyst_messages::page::{Stage, Swap};
-use hyst_messages::{
-    CUT_LIMIT, FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Role, Slot, TissueStatus,
-};
+use hyst_messages::{CUT_LIMIT, PICTURE_PASSES, RenderingStatus, Role, Slot, TissueStatus};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Looks that are kept for the plots: three minutes.
 pub const KEPT_LOOKS: usize = 180;
-/// Valves below this are shut, of 0 to 1, as in the picture and in a report.
-const SHUT: f32 = 0.05;
-/// 1 mmHg, Pa.
-const MMHG_PA: f64 = 133.322;
 
 /// A process, as `hystation status --json` has it. What is not said is zero, empty or none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -93,76 +88,6 @@ impl Status {
         status.processes.retain(|process| Slot::parse(&process.name).is_some());
         Ok(status)
     }
-}
-
-/// The pump.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Pump {
-    /// Pressure in the cavity, mmHg, as it is read at the table.
-    pub pressure_mmhg: f64,
-    /// Pressure that is set, mmHg; `None` if the hardware says nothing.
-    pub set_mmhg: Option<f64>,
-    /// Flow into the cavity, ml/min.
-    pub inflow_ml_min: f64,
-    /// Flow out of it, ml/min.
-    pub outflow_ml_min: f64,
-    /// Whether the valves of inflow and outflow are shut; not where the hardware says nothing.
-    pub shut: [bool; 2],
-    /// Volume in minus volume out, ml.
-    pub deficit_ml: f64,
-    /// Volume of the cavity, ml.
-    pub cavity_ml: f64,
-    /// Blood that has come into it, ml.
-    pub bled_ml: f64,
-    /// Vessels that bleed into it, or take medium in.
-    pub open_vessels: u32,
-    /// Vessels that are coagulated.
-    pub sealed_vessels: u32,
-    /// Alarms.
-    pub alarms: Vec<String>,
-    /// What it says that asks for nothing.
-    pub notices: Vec<String>,
-    /// Step of the flow, and the one that the scene asks for, ms.
-    pub step_ms: u32,
-    /// See `step_ms`.
-    pub scene_step_ms: u32,
-    /// How many times the scene's grid is halved along each axis.
-    pub halvings: u32,
-}
-
-impl Pump {
-    /// From what fluid and hardware say; `None` if it makes no sense.
-    pub fn new(status: &FluidStatus, sample: Option<&HardwareSample>) -> Option<Pump> {
-        let set_pa = sample.map(|sample| f64::from(sample.controls.obeyed_pressure_pa())).filter(|set_pa| set_pa.is_finite());
-        let valves = sample.map(|sample| [sample.controls.inflow_valve, sample.controls.outflow_valve]);
-        let pump = Pump {
-            pressure_mmhg: f64::from(status.pressure_pa) / MMHG_PA,
-            set_mmhg: set_pa.map(|set_pa| set_pa / MMHG_PA),
-            inflow_ml_min: f64::from(status.inflow_ml_min),
-            outflow_ml_min: f64::from(status.outflow_ml_min),
-            shut: valves.map_or([false; 2], |valves| valves.map(|valve| valve < SHUT)),
-            deficit_ml: status.deficit_ml,
-            cavity_ml: status.cavity_volume_ml,
-            bled_ml: status.bled_ml,
-            open_vessels: status.open_vessels,
-            sealed_vessels: status.sealed_vessels,
-            alarms: names(status.alarms & !PUMP_NOTICES),
-            notices: names(status.alarms & PUMP_NOTICES),
-            step_ms: status.step_ticks,
-            scene_step_ms: status.scene_step_ticks,
-            halvings: status.halvings,
-        };
-        let figures =
-            [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml, pump.bled_ml];
-        figures.iter().all(|figure| figure.is_finite()).then_some(pump)
-    }
-}
-
-/// What some bits of [`FluidStatus::alarms`] say; a bit that has no name here is an alarm all the same.
-fn names(bits: u32) -> Vec<String> {
-    let said = |bit: &u32| PUMP_ALARMS.iter().find(|(known, _)| known == bit).map(|(_, name)| name.to_string());
-    let set = (0..u32::BITS).map(|place| 1u32 << place).filter(|bit| bits & bit != 0);
-    set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
 }
 
 /// The tissue.
@@ -372,24 +297,5 @@ mod tests {
         assert!(every(1).is_empty());
         let look = Look { tissue: Some(of(3)), ..Look::default() };
         assert_eq!(serde_json::to_value(look).unwrap()["tissue"]["cut_limits"], json!(3));
-    }
-
-    #[test]
-    fn a_pump_is_shown_in_the_units_of_the_table_with_its_alarms_and_nonsense_is_not_shown() {
-        let alarms = 1 | 4 | 16 | 64;
-        let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms, ..FluidStatus::default() };
-        let mut sample = HardwareSample::default();
-        (sample.controls.set_pressure_pa, sample.controls.inflow_valve) = (13_332.2, 0.3);
-        let pump = Pump::new(&status, Some(&sample)).unwrap();
-        assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
-        assert_eq!(
-            (pump.deficit_ml, pump.bled_ml, pump.alarms.join(", ")),
-            (12.5, 1.5, "pressure, abnormal loss, unknown (0x40)".to_string())
-        );
-        assert_eq!(pump.notices, ["container change"], "it asks for nothing, so it is no alarm");
-        assert_eq!(pump.shut, [false, true]);
-        let unset = Pump::new(&status, None).unwrap();
-        assert_eq!((unset.set_mmhg, unset.shut), (None, [false; 2]), "nobody says how it is set");
-        assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
     }
 }

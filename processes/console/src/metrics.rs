@@ -167,7 +167,8 @@ fn recording(look: &Look, registry: &mut Registry) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Pictures, Process, Pump, Recording, Status, Tissue};
+    use crate::look::{Pictures, Process, Recording, Status, Tissue};
+    use crate::pump::Pump;
 
     #[test]
     fn the_text_has_each_figure_that_is_known_and_ends_once() {

@@ -46,7 +46,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         life.misbehave();
         desk.tell(journal.news());
         sources.welcome();
-        desk.note_pump(sources.pump());
+        desk.note_pump(sources.pump(life.tick()));
         desk.note_tissue(sources.cutting());
         desk.note_pictures(sources.drawn());
         desk.note_swaps(look::swaps(|role| life.clock.swap(role)));
