@@ -132,6 +132,11 @@ impl Desk {
         let _ = self.news.send(case); // nobody looks
     }
 
+    /// Tells those who look that the station ends.
+    pub fn end(&self) {
+        let _ = self.news.send(message("ended", None, &true)); // nobody looks
+    }
+
     /// What happened.
     pub fn tell(&self, lines: Vec<Line>) {
         let mut known = self.known();
@@ -234,6 +239,14 @@ mod tests {
         assert_eq!((look.status, look.silence.as_deref()), (status.clone(), Some("no supervisor answers")));
         desk.note(Ok(status));
         assert_eq!(desk.look().silence, None);
+    }
+
+    #[test]
+    fn an_end_is_told_to_who_looks() {
+        let desk = desk();
+        let (_, mut news) = desk.subscribe(0);
+        desk.end();
+        assert_eq!(text(&news.try_recv().unwrap()), "event: ended\ndata: true\n\n");
     }
 
     #[test]

@@ -66,5 +66,9 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         life.page.store64(header::TICK, life.tick());
         life.page.add64(header::STEPS, 1);
     }
+    if life.clock.stop_requested() {
+        desk.end();
+        tokio::time::sleep(LOOK).await; // meanwhile it goes out to the browsers
+    }
     Ok(())
 }

@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 use station_tests::browser::Browser;
 
-/// What the page says of its connection, and whether a state still stands there in green: before it has heard anything, when it has, and of an address that has
-/// become another station's.
+/// What the page says of its connection, and whether a state still stands there in green: before it has heard anything, when it has, of an address that has become
+/// another station's, and of a station that was stopped.
 const LINK: &str = r"(() => {
     const link = document.getElementById('link'), lost = document.getElementById('lost');
     const state = document.querySelector('td.state.good') ?? document.createElement('td');
@@ -20,15 +20,20 @@ const LINK: &str = r"(() => {
     isStranger = true;
     const stranger = told();
     isStranger = false;
+    hasEnded = true;
+    const ended = told();
+    hasEnded = false;
     isLost = false;
-    return { said: [before, connected, stranger].map(three => three.slice(0, 2)), isGreen: connected[2] !== stranger[2], after: told()[1] };
+    return { said: [before, connected, stranger, ended].map(three => three.slice(0, 2)), isGreen: connected[2] !== stranger[2], after: told()[1] };
 })()";
 
 /// That nothing is called connected before it is, and that a page of a station that has ended says so, and shows nobody as well.
 pub fn assert_connection_is_what_is_said(browser: &mut Browser) {
     let told = browser.evaluate(LINK).expect("what is said of the connection");
     let lost = "The station of this page has ended, and another one has its address";
-    let said = json!([["connecting", false], ["connected", false], ["connection lost, trying again", lost]]);
+    let [connecting, connected] = ["connecting", "connected"].map(|link| json!([link, false]));
+    let ended = ["the station has ended", "The station has ended"];
+    let said = json!([connecting, connected, ["connection lost, trying again", lost], ended]);
     assert_eq!((&told["said"], &told["isGreen"], &told["after"]), (&said, &Value::Bool(true), &Value::Bool(false)), "{told}");
 }
 
