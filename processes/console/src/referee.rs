@@ -6,7 +6,7 @@ use crate::sources::Sources;
 use hyst_assessment::Judge;
 use hyst_engine::{Life, Told};
 use hyst_exchange::{Roster, Station, system, whole};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Between two writings of the judgement for a successor, and between two tellings of it, ns.
@@ -23,6 +23,12 @@ pub struct Referee {
     told: Value,
     kept_ns: u64,
     told_ns: u64,
+}
+
+/// The tick with which the time of a session is over; `None` before it has begun, when it has ended, and where time does not end it.
+fn until_tick(judge: &Judge) -> Option<u64> {
+    let time_s = judge.brief.end.time_s.filter(|_| judge.ended.is_none())?;
+    Some(judge.began_tick()?.saturating_add((time_s * 1e3) as u64))
 }
 
 impl Referee {
@@ -66,7 +72,8 @@ impl Referee {
             return None;
         }
         self.told_ns = now_ns;
-        let told = self.judge.json();
+        let mut told = self.judge.json();
+        told["until_tick"] = json!(until_tick(&self.judge));
         let is_new = told != self.told;
         self.told = told;
         is_new.then(|| self.told.clone())
@@ -81,5 +88,29 @@ impl Referee {
         let Ok(text) = serde_json::to_string(&self.judge) else { return };
         // Refused, a successor goes on from an older one, or begins anew.
         let _ = whole::write(&self.kept, text.as_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::AppliedRecord;
+
+    #[test]
+    fn the_time_of_a_session_is_over_so_long_after_its_begin_and_never_where_time_does_not_end_it() {
+        let judge = |time_s: Option<f64>, ticks: &[u64]| {
+            let brief = json!({
+                "name": "A case", "rung": "polyp", "task": "Do it.", "seed": 3, "drawn": [], "pathology_ml": 2.0, "goals": [],
+                "end": { "goals": false, "time_s": time_s, "deficit_ml": null, "bled_ml": null, "perforation": false },
+                "warnings": [], "score": {},
+            });
+            let mut judge = Judge::read(&brief.to_string()).unwrap();
+            ticks.iter().for_each(|tick| judge.tick(&AppliedRecord { tick: *tick, ..AppliedRecord::default() }));
+            judge
+        };
+        assert_eq!(until_tick(&judge(Some(600.0), &[1])), None, "nobody has moved anything yet");
+        assert_eq!(until_tick(&judge(Some(600.0), &[1, 31_000])), Some(630_000), "it has begun with tick 30 000 at the latest");
+        assert_eq!(until_tick(&judge(Some(600.0), &[1, 31_000, 700_000])), None, "it is over");
+        assert_eq!(until_tick(&judge(None, &[1, 31_000])), None);
     }
 }
