@@ -87,6 +87,8 @@ const HEAD: &str = r"(() => {
         showCase({ ...told, began_s });
         return text('terms');
     });
+    showCase({ ...told, deficit_limit_ml: 1000 });
+    const limit = document.getElementById('pump-deficit-limit').textContent;
     const left = [null, 71000].map(until_tick => {
         showCase({ ...told, until_tick });
         showLeft(10001);
@@ -94,7 +96,7 @@ const HEAD: &str = r"(() => {
     });
     showCase(told);
     showLeft(10001);
-    return { recording, who, terms, pump, left };
+    return { recording, who, terms, pump, left, limit };
 })()";
 
 /// That one sees at the page's head whether anything is recorded and whose session it is, under the task what was agreed on, and at the pump a valve that is shut.
@@ -105,6 +107,7 @@ pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: 
     let terms = |began: &str| format!("Seed 7. It ends: all goals are reached; after 600 s. {began}");
     let began = [terms("The time has not begun to count."), terms("The time counts from 12.3 s.")];
     assert_eq!(told["terms"], json!(began));
+    assert_eq!(told["limit"], ", at most 1000");
     assert_eq!(told["left"], json!([false, "Time left: 1 min 01 s"]));
     assert_eq!(told["pump"], json!(["85 ml/min", "0 ml/min, shut"]));
 }
