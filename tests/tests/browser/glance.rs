@@ -57,7 +57,7 @@ const ABOVE: &str = r"(() => {
 pub fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
     let told = browser.evaluate(ABOVE).expect("what stands above everything");
     let perforation = "Pump: perforation – 60 ml/min more than all veins and the sheath could take are lost";
-    let alarms = json!([perforation, "fluid is held still: pressure, flow and deficit stand"]);
+    let alarms = json!([perforation, "fluid is held still: nobody knows pressure, flow and deficit"]);
     let swap = "recorder is swapped: the newcomer has the role, on probation.";
     assert_eq!(told["told"], json!([alarms, true, true, swap]));
     assert_eq!((&told["isSeen"], &told["after"]), (&Value::Bool(true), &json!([[], false, false, ""])));
