@@ -313,8 +313,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the banner of the test mode", LOOK, |look| look["banner"].as_str()?.starts_with("Test mode: ").then_some(()));
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
-    glance::assert_missing_pictures_are_explained(&mut browser);
-    glance::assert_buttons_say_what_they_do(&mut browser);
+    glance::assert_page_says_what_there_is(&mut browser);
     let sizes = browser.evaluate(SIZES).expect("the sizes of all letters");
     let [least, figures] = [&sizes[0][0], &sizes[1]].map(|size| size.as_f64().unwrap_or(0.0));
     assert!(least >= LEAST_LETTERS_PX && figures >= LEAST_FIGURES_PX, "not to be read at arm's length: {sizes}");
@@ -326,8 +325,6 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
         let plot = [&picturing["box"], &picturing["points"], &picturing["title"]];
         assert_eq!(plot, [&json!("0 0 29 100"), &json!(10), &json!("0.0 to 9.0")]);
     }
-    glance::assert_alarms_and_swaps_stand_above_everything(&mut browser);
-    glance::assert_head_says_whose_session_it_is_and_whether_it_is_recorded(&mut browser);
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
     let called_off = json!(["– resect – not called for any more", true]);
     let runs = json!([["○ look – 30 %", false], ["○ stop – not called for yet", false], called_off]);

@@ -37,6 +37,15 @@ pub fn assert_connection_is_what_is_said(browser: &mut Browser) {
     assert_eq!((&told["said"], &told["isGreen"], &told["after"]), (&said, &Value::Bool(true), &Value::Bool(false)), "{told}");
 }
 
+/// All of the following, of a page that has shown a station's processes.
+pub fn assert_page_says_what_there_is(browser: &mut Browser) {
+    assert_newcomers_alarm_nobody(browser);
+    assert_missing_pictures_are_explained(browser);
+    assert_buttons_say_what_they_do(browser);
+    assert_alarms_and_swaps_stand_above_everything(browser);
+    assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser);
+}
+
 /// What stands above everything else: alarms, each with what it means, with their count in the name of the tab, and a swap; then nothing of it.
 const ABOVE: &str = r"(() => {
     const alarms = document.getElementById('alarms'), swaps = document.getElementById('swaps');
@@ -54,7 +63,7 @@ const ABOVE: &str = r"(() => {
 })()";
 
 /// That alarms and swaps stand above everything, wherever the page is scrolled to, and mean something to who has no handbook.
-pub fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
+fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
     let told = browser.evaluate(ABOVE).expect("what stands above everything");
     let perforation = "Pump: perforation – 60 ml/min more than all veins and the sheath could take are lost";
     let alarms = json!([perforation, "fluid is held still: nobody knows pressure, flow and deficit"]);
@@ -100,7 +109,7 @@ const HEAD: &str = r"(() => {
 })()";
 
 /// That one sees at the page's head whether anything is recorded and whose session it is, under the task what was agreed on, and at the pump a valve that is shut.
-pub fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut Browser) {
+fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut Browser) {
     let told = browser.evaluate(HEAD).expect("what the head of the page says");
     assert_eq!(told["recording"], json!(["recording", "recording stands still", "not recorded"]));
     assert_eq!(told["who"], json!(["trainee: Ana Müller", "replay of /b.mcap, trainee: Ana Müller", false]));
@@ -164,11 +173,19 @@ const BUTTONS: &str = r"(() => {
 })()";
 
 /// That a page can be dark in a dark room whatever the desktop is, and that a muted one says so to eye and ear alike.
-pub fn assert_buttons_say_what_they_do(browser: &mut Browser) {
+fn assert_buttons_say_what_they_do(browser: &mut Browser) {
     let told = browser.evaluate(BUTTONS).expect("what the buttons do");
     let names = json!(["Dark page", "Light page"]);
     let all = json!({ "muted": ["Warnings are muted", "true"], "names": names, "isOther": true, "isBack": true, "kept": ["dark", "light"] });
     assert_eq!(told, all);
+}
+
+/// That a process which is on its way is shown neither as well nor as ill, and names its program.
+fn assert_newcomers_alarm_nobody(browser: &mut Browser) {
+    let kinds = browser.evaluate("['live', 'spare', 'starting', 'warming', 'failed', 'dead'].map(kindOf)");
+    assert_eq!(kinds, Some(json!(["good", "good", "quiet", "quiet", "bad", "bad"])));
+    let program = browser.evaluate("document.querySelector('#process-device th').title.split('/').pop()");
+    assert_eq!(program, Some(json!("device")));
 }
 
 /// What stands in the place of the live view: of a station that has drawn nothing, of one that draws, and of one that drew.
@@ -182,7 +199,7 @@ const NO_PICTURE: &str = r"(() => {
 })()";
 
 /// That a station which draws nothing is not waited for as one whose first picture is under way.
-pub fn assert_missing_pictures_are_explained(browser: &mut Browser) {
+fn assert_missing_pictures_are_explained(browser: &mut Browser) {
     let told = browser.evaluate(NO_PICTURE);
     assert_eq!(told, Some(json!(["Nothing is drawn so far", "There is no picture yet", "No new picture comes"])));
 }
