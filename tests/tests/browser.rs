@@ -1,6 +1,9 @@
 //! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, that it is read and used by keys, and that a
 //! warning is heard.
 
+#[path = "browser/glance.rs"]
+mod glance;
+
 use serde_json::{Value, json};
 use station_tests::browser::{Browser, has_chromium};
 use station_tests::shown::not_shown;
@@ -264,6 +267,7 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     let connected = |look: &Value| is_connected(look).then(|| look["banner"].clone());
     assert_eq!(browser.wait("that it is connected", LOOK, connected), Value::Null, "no banner of a test mode that is off");
 
+    glance::assert_connection_is_what_is_said(&mut browser);
     let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
     if is_drawn {
         let before = picture(&mut browser, 0);
@@ -274,9 +278,9 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     let least = if is_drawn { COLOURS } else { 2 };
     assert!(colours >= least, "the page is drawn in {colours} colours");
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+    glance::assert_fits_narrow_screens(&mut browser);
     let [width, height] = SCREEN;
-    let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
-    browser.ask("Emulation.setDeviceMetricsOverride", screen);
+    glance::set_screen(&mut browser, SCREEN);
     let fits = browser.evaluate(FITS).expect("what fits");
     assert_eq!(fits[0], json!([]), "cropped at {width} × {height}");
     assert!(fits[1].as_u64().is_some_and(|bottom| bottom <= height), "the live view ends at {} of {height}", fits[1]);
@@ -309,6 +313,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the banner of the test mode", LOOK, |look| look["banner"].as_str()?.starts_with("Test mode: ").then_some(()));
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
+    glance::assert_page_says_what_there_is(&mut browser);
     let sizes = browser.evaluate(SIZES).expect("the sizes of all letters");
     let [least, figures] = [&sizes[0][0], &sizes[1]].map(|size| size.as_f64().unwrap_or(0.0));
     assert!(least >= LEAST_LETTERS_PX && figures >= LEAST_FIGURES_PX, "not to be read at arm's length: {sizes}");

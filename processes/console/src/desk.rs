@@ -1,8 +1,9 @@
 //! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
 //! browser that does not keep up is left behind.
 
-use crate::look::{History, Look, Pictures, Pump, Status, Tissue};
+use crate::look::{History, Look, Pictures, Status, Swapping, Tissue};
 use crate::picture::Picture;
+use crate::pump::Pump;
 use axum::body::Bytes;
 use hyst_engine::Address;
 use hyst_engine::journal::Line;
@@ -12,12 +13,14 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::{broadcast, watch};
+use tokio::sync::{Semaphore, broadcast, watch};
 
 /// Events that a browser gets that comes anew.
 const KEPT_LINES: usize = 100;
 /// News that wait for a browser; one that has more to take is left behind, and comes again.
 const WAITING_NEWS: usize = 256;
+/// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
+pub const VERIFIERS: usize = 2;
 /// How long pictures are made after a browser has asked for one, ns: until it asks again.
 const PICTURES_FOR_NS: u64 = 2_000_000_000;
 
@@ -33,6 +36,7 @@ pub struct Desk {
     news: broadcast::Sender<Bytes>,
     pictures: watch::Sender<Option<Arc<Picture>>>,
     pictures_until_ns: AtomicU64,
+    verifying: Arc<Semaphore>,
 }
 
 /// What is known now.
@@ -58,7 +62,8 @@ impl Desk {
         let look = Look { silence: Some("the supervisor was not asked yet".into()), ..Look::default() };
         let known = Mutex::new(Known { look, ..Known::default() });
         let (news, pictures) = (broadcast::Sender::new(WAITING_NEWS), watch::Sender::new(None));
-        Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0) }
+        let verifying = Arc::new(Semaphore::new(VERIFIERS));
+        Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0), verifying }
     }
 
     /// Whoever panicked with it has ended the process.
@@ -74,6 +79,11 @@ impl Desk {
     /// The station.
     pub fn station(&self) -> &Station {
         &self.station
+    }
+
+    /// The turns of those who have a binary verified.
+    pub fn verifying(&self) -> &Arc<Semaphore> {
+        &self.verifying
     }
 
     /// What the supervisor said, or why it said nothing.
@@ -104,11 +114,27 @@ impl Desk {
         self.known().look.pictures = pictures;
     }
 
+    /// Which swaps are under way.
+    pub fn note_swaps(&self, swaps: Vec<Swapping>) {
+        self.known().look.swaps = swaps;
+    }
+
+    /// Who trains, and which recording is shown again.
+    pub fn introduce(&self, trainee: Option<String>, replay: Option<String>) {
+        let mut known = self.known();
+        (known.look.trainee, known.look.replay) = (trainee, replay);
+    }
+
     /// Case and judgement.
     pub fn note_case(&self, told: &serde_json::Value) {
         let case = message("case", None, told);
         self.known().case = Some(case.clone());
         let _ = self.news.send(case); // nobody looks
+    }
+
+    /// Tells those who look that the station ends.
+    pub fn end(&self) {
+        let _ = self.news.send(message("ended", None, &true)); // nobody looks
     }
 
     /// What happened.
@@ -213,6 +239,27 @@ mod tests {
         assert_eq!((look.status, look.silence.as_deref()), (status.clone(), Some("no supervisor answers")));
         desk.note(Ok(status));
         assert_eq!(desk.look().silence, None);
+    }
+
+    #[test]
+    fn an_end_is_told_to_who_looks() {
+        let desk = desk();
+        let (_, mut news) = desk.subscribe(0);
+        desk.end();
+        assert_eq!(text(&news.try_recv().unwrap()), "event: ended\ndata: true\n\n");
+    }
+
+    #[test]
+    fn who_trains_what_is_shown_again_and_what_is_swapped_is_told_in_every_look() {
+        let desk = desk();
+        desk.introduce(Some("Ana Müller".into()), Some("/a.mcap".into()));
+        desk.note_swaps(vec![Swapping { role: "fluid", stage: "on probation" }]);
+        let (_, mut news) = desk.subscribe(0);
+        desk.note(Ok(Status::default()));
+        let told = text(&news.try_recv().unwrap());
+        for said in ["\"trainee\":\"Ana Müller\"", "\"replay\":\"/a.mcap\"", "{\"role\":\"fluid\",\"stage\":\"on probation\"}"] {
+            assert!(told.contains(said), "{said}: {told}");
+        }
     }
 
     #[test]

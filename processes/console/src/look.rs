@@ -1,18 +1,16 @@
-//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, what the fluid says of the pump, and
-//! rendering of its pictures.
+//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, the tissue of itself, and rendering of its
+//! pictures; [`crate::pump`] has the pump.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
-use hyst_messages::{
-    CUT_LIMIT, FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Slot, TissueStatus,
-};
+use crate::pump::Pump;
+use hyst_messages::page::{Stage, Swap};
+use hyst_messages::{CUT_LIMIT, PICTURE_PASSES, RenderingStatus, Role, Slot, TissueStatus};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Looks that are kept for the plots: three minutes.
 pub const KEPT_LOOKS: usize = 180;
-/// 1 mmHg, Pa.
-const MMHG_PA: f64 = 133.322;
 
 /// A process, as `hystation status --json` has it. What is not said is zero, empty or none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,75 +90,6 @@ impl Status {
     }
 }
 
-/// The pump.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Pump {
-    /// Pressure in the cavity, mmHg, as it is read at the table.
-    pub pressure_mmhg: f64,
-    /// Pressure that is set, mmHg; `None` if the hardware says nothing.
-    pub set_mmhg: Option<f64>,
-    /// Flow into the cavity, ml/min.
-    pub inflow_ml_min: f64,
-    /// Flow out of it, ml/min.
-    pub outflow_ml_min: f64,
-    /// Volume in minus volume out, ml.
-    pub deficit_ml: f64,
-    /// Volume of the cavity, ml.
-    pub cavity_ml: f64,
-    /// Blood that has come into it, ml.
-    pub bled_ml: f64,
-    /// Share of the light that comes through it before the lens, above 0 to 1; `None` if that is not said.
-    pub transmittance: Option<f64>,
-    /// Vessels that bleed into it, or take medium in.
-    pub open_vessels: u32,
-    /// Vessels that are coagulated.
-    pub sealed_vessels: u32,
-    /// Alarms.
-    pub alarms: Vec<String>,
-    /// What it says that asks for nothing.
-    pub notices: Vec<String>,
-    /// Step of the flow, and the one that the scene asks for, ms.
-    pub step_ms: u32,
-    /// See `step_ms`.
-    pub scene_step_ms: u32,
-    /// How many times the scene's grid is halved along each axis.
-    pub halvings: u32,
-}
-
-impl Pump {
-    /// From what fluid and hardware say; `None` if it makes no sense.
-    pub fn new(status: &FluidStatus, sample: Option<&HardwareSample>) -> Option<Pump> {
-        let set_pa = sample.map(|sample| f64::from(sample.controls.obeyed_pressure_pa())).filter(|set_pa| set_pa.is_finite());
-        let pump = Pump {
-            pressure_mmhg: f64::from(status.pressure_pa) / MMHG_PA,
-            set_mmhg: set_pa.map(|set_pa| set_pa / MMHG_PA),
-            inflow_ml_min: f64::from(status.inflow_ml_min),
-            outflow_ml_min: f64::from(status.outflow_ml_min),
-            deficit_ml: status.deficit_ml,
-            cavity_ml: status.cavity_volume_ml,
-            bled_ml: status.bled_ml,
-            transmittance: status.told_transmittance().map(f64::from),
-            open_vessels: status.open_vessels,
-            sealed_vessels: status.sealed_vessels,
-            alarms: names(status.alarms & !PUMP_NOTICES),
-            notices: names(status.alarms & PUMP_NOTICES),
-            step_ms: status.step_ticks,
-            scene_step_ms: status.scene_step_ticks,
-            halvings: status.halvings,
-        };
-        let figures =
-            [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml, pump.bled_ml];
-        figures.iter().all(|figure| figure.is_finite()).then_some(pump)
-    }
-}
-
-/// What some bits of [`FluidStatus::alarms`] say; a bit that has no name here is an alarm all the same.
-fn names(bits: u32) -> Vec<String> {
-    let said = |bit: &u32| PUMP_ALARMS.iter().find(|(known, _)| known == bit).map(|(_, name)| name.to_string());
-    let set = (0..u32::BITS).map(|place| 1u32 << place).filter(|bit| bits & bit != 0);
-    set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
-}
-
 /// The tissue.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Tissue {
@@ -179,7 +108,10 @@ pub struct Tissue {
 impl Tissue {
     /// From what it says.
     pub fn new(status: &TissueStatus) -> Tissue {
-        let notices = if status.cut_limits > 0 { vec![CUT_LIMIT.to_string()] } else { Vec::new() };
+        let cut_limit = (status.cut_limits > 0).then(|| CUT_LIMIT.to_string());
+        let ms = status.step_ticks;
+        let slow = (ms > 1).then(|| format!("computed every {ms} ms: for every millisecond this machine is too slow"));
+        let notices = cut_limit.into_iter().chain(slow).collect();
         let TissueStatus { cut_limits, substeps, corrections, hits_dropped, .. } = *status;
         Tissue { cut_limits, substeps, corrections, hits_dropped, notices }
     }
@@ -224,6 +156,27 @@ impl Pictures {
     }
 }
 
+/// A swap that is under way.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Swapping {
+    /// The role.
+    pub role: &'static str,
+    /// How far it is, in words.
+    pub stage: &'static str,
+}
+
+/// The swaps of which the newcomer is there, by what the station's page says of each role.
+pub fn swaps(of: impl Fn(Role) -> Swap) -> Vec<Swapping> {
+    let words = |stage: Stage| match stage {
+        Stage::None => None,
+        Stage::Shadow => Some("the newcomer computes beside the old engine and is compared with it"),
+        Stage::Trial => Some("the newcomer has the role, on probation"),
+        Stage::Settled => Some("the newcomer has passed, and the others of its role are replaced"),
+        Stage::Undone => Some("the newcomer is sent away, and the old engine has the role again"),
+    };
+    Role::ALL.into_iter().filter_map(|role| Some(Swapping { role: role.name(), stage: words(of(role).stage)? })).collect()
+}
+
 /// What the page shows of one moment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Look {
@@ -238,6 +191,12 @@ pub struct Look {
     pub tissue: Option<Tissue>,
     /// How pictures are made, likewise.
     pub pictures: Option<Pictures>,
+    /// Swaps that are under way.
+    pub swaps: Vec<Swapping>,
+    /// Who trains, if that was said.
+    pub trainee: Option<String>,
+    /// The recording that is shown again, if one is.
+    pub replay: Option<String>,
 }
 
 /// Rate (Hz), wake-up latency and loop latency (µs) of a process at one look.
@@ -319,30 +278,24 @@ mod tests {
     }
 
     #[test]
+    fn a_swap_is_told_by_its_role_and_how_far_it_is_and_none_where_there_is_none() {
+        let stages = [Stage::Shadow, Stage::Trial, Stage::Settled, Stage::Undone];
+        let of = |stage| swaps(|role| if role == Role::Fluid { Swap { stage, guest: 9 } } else { Swap::default() });
+        let told: Vec<Swapping> = stages.into_iter().flat_map(of).collect();
+        assert!(told.len() == 4 && told.iter().all(|swap| swap.role == "fluid"), "{told:?}");
+        assert!((1..4).all(|at| !told[..at].contains(&told[at])), "each stage has its own words: {told:?}");
+        assert_eq!(of(Stage::None), []);
+    }
+
+    #[test]
     fn a_loop_that_cuts_no_finer_is_said_in_words_and_one_that_does_is_not() {
         let of = |cut_limits| Tissue::new(&TissueStatus { cut_limits, substeps: 8, ..TissueStatus::default() });
         assert_eq!(of(0), Tissue { substeps: 8, ..Tissue::default() });
         assert_eq!(of(3).notices, ["the loop cuts no finer here: the mesh has reached its limit"]);
+        let every = |step_ticks| Tissue::new(&TissueStatus { step_ticks, ..TissueStatus::default() }).notices;
+        assert_eq!(every(2), ["computed every 2 ms: for every millisecond this machine is too slow"]);
+        assert!(every(1).is_empty());
         let look = Look { tissue: Some(of(3)), ..Look::default() };
         assert_eq!(serde_json::to_value(look).unwrap()["tissue"]["cut_limits"], json!(3));
-    }
-
-    #[test]
-    fn a_pump_is_shown_in_the_units_of_the_table_with_its_alarms_and_nonsense_is_not_shown() {
-        let alarms = 1 | 4 | 16 | 64;
-        let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms, ..FluidStatus::default() };
-        let mut sample = HardwareSample::default();
-        sample.controls.set_pressure_pa = 13_332.2;
-        let pump = Pump::new(&status, Some(&sample)).unwrap();
-        assert_eq!(pump.transmittance, None, "nothing is said of the view");
-        assert_eq!(Pump::new(&FluidStatus { transmittance: 0.25, ..status }, None).unwrap().transmittance, Some(0.25));
-        assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
-        assert_eq!(
-            (pump.deficit_ml, pump.bled_ml, pump.alarms.join(", ")),
-            (12.5, 1.5, "pressure, abnormal loss, unknown (0x40)".to_string())
-        );
-        assert_eq!(pump.notices, ["container change"], "it asks for nothing, so it is no alarm");
-        assert_eq!(Pump::new(&status, None).unwrap().set_mmhg, None);
-        assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
     }
 }

@@ -8,6 +8,7 @@ mod guard;
 mod look;
 mod metrics;
 mod picture;
+mod pump;
 mod referee;
 mod session;
 mod sources;

@@ -170,7 +170,8 @@ fn recording(look: &Look, registry: &mut Registry) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Pictures, Process, Pump, Recording, Status, Tissue};
+    use crate::look::{Pictures, Process, Recording, Status, Tissue};
+    use crate::pump::Pump;
 
     #[test]
     fn the_text_has_each_figure_that_is_known_and_ends_once() {
@@ -196,7 +197,7 @@ mod tests {
             passes_s: [0.0, 0.5, 0.0, 0.0, 0.0],
             ..Pictures::default()
         };
-        let text = text(&Look { status, silence: None, pump: Some(pump), tissue: None, pictures: Some(pictures) });
+        let text = text(&Look { status, pump: Some(pump), pictures: Some(pictures), ..Look::default() });
         for line in [
             "hystation_tick 1234.0",
             "hystation_supervisor_answers 1.0",

@@ -1,8 +1,9 @@
 //! The whole life of the console, on one thread: twenty times a second what happened, the pump, the case, the newest picture; between that, browsers. So a
 //! console that beats also answers. Promise: it comes back at the address that it had, and a browser that stalls costs it nothing but a seat.
 
-use crate::desk::Desk;
+use crate::desk::{Desk, VERIFIERS};
 use crate::door::{Door, Visitors};
+use crate::look;
 use crate::referee::Referee;
 use crate::sources::Sources;
 use crate::{ask, web};
@@ -16,8 +17,6 @@ use tokio::time::MissedTickBehavior;
 
 /// Between two looks: an event is shown this soon, and a stop noticed.
 const LOOK: Duration = Duration::from_millis(50);
-/// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
-const VERIFIERS: usize = 2;
 
 /// The whole life of the console.
 pub fn run(life: &Life) -> Result<(), Failure> {
@@ -33,20 +32,24 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
     let mut sources = Sources::open(life, referee.is_some())?;
     let mut journal = Journal::open(&life.station);
     let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.clone()));
+    // A name that cannot be one is refused where the station is started.
+    let trainee = life.settings.trainee().ok().flatten().map(str::to_string);
+    desk.introduce(trainee, life.settings.recording().map(|file| file.display().to_string()));
     tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
     tokio::spawn(ask::follow(Arc::clone(&desk)));
-    let mut look = tokio::time::interval(LOOK);
-    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     life.page.set_state(ProcessState::Live);
     while !life.clock.stop_requested() && life.clock.incarnation(life.slot) <= life.incarnation {
-        look.tick().await;
+        looks.tick().await;
         let begun_ns = system::now_ns();
         life.misbehave();
         desk.tell(journal.news());
         sources.welcome();
-        desk.note_pump(sources.pump());
+        desk.note_pump(sources.pump(life.tick()));
         desk.note_tissue(sources.cutting());
         desk.note_pictures(sources.drawn());
+        desk.note_swaps(look::swaps(|role| life.clock.swap(role)));
         if let Some(told) = referee.as_mut().and_then(|referee| referee.look(&sources)) {
             desk.note_case(&told);
         }
@@ -62,6 +65,10 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         life.page.store64(header::VALUE_NS, system::now_ns());
         life.page.store64(header::TICK, life.tick());
         life.page.add64(header::STEPS, 1);
+    }
+    if life.clock.stop_requested() {
+        desk.end();
+        tokio::time::sleep(LOOK).await; // meanwhile it goes out to the browsers
     }
     Ok(())
 }

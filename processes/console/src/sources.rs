@@ -1,8 +1,9 @@
 //! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of rendering, tissue, fluid and hardware, and of a station
 //! with a case that of the device. Its usher opens them.
 
-use crate::look::{Pictures, Pump, Tissue};
+use crate::look::{Pictures, Tissue};
 use crate::picture::Picture;
+use crate::pump::Pump;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
@@ -109,11 +110,11 @@ impl Sources {
         }
     }
 
-    /// What the newest of the fluids says of the pump, and the hardware of what is set.
-    pub fn pump(&self) -> Option<Pump> {
+    /// What the newest of the fluids says of the pump at a tick, and the hardware of what is set.
+    pub fn pump(&self, tick: u64) -> Option<Pump> {
         let newest = self.fluid()?;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        Pump::new(&newest, sample.as_ref())
+        Pump::new(&newest, sample.as_ref(), tick)
     }
 
     /// What rendering says of its pictures. Of one that died they are as old as they are.

@@ -23,7 +23,8 @@ use std::convert::Infallible;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::broadcast;
+use tokio::sync::{Semaphore, broadcast};
+use tokio::task::JoinError;
 use tokio::time::Instant;
 
 /// The page: one file, which loads nothing from anywhere else.
@@ -166,8 +167,8 @@ async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
     }
     // As `hystation swap` does it: verified and copied by an ordinary process, before the supervisor hears of it.
     let station = desk.station().clone();
-    let keeping = tokio::task::spawn_blocking(move || kept::keep(&station, Path::new(&binary), known));
-    let Ok(kept) = tokio::time::timeout(KEPT_WITHIN, keeping).await else {
+    let keeping = move || kept::keep(&station, Path::new(&binary), known);
+    let Some(kept) = in_turn(desk.verifying(), Instant::now() + KEPT_WITHIN, keeping).await else {
         let text = format!(
             "the binary is not verified and copied after {} s, and nothing was swapped; is the machine busy, or another swap under way? \
              `hystation swap` waits longer",
@@ -185,6 +186,21 @@ async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
         Ok(Err(reason)) => refused(StatusCode::CONFLICT, &reason),
         Err(_) => refused(StatusCode::SERVICE_UNAVAILABLE, "the binary could not be verified; try again"),
     }
+}
+
+/// Has work done that waits for others, by a thread of its own and in its turn; `None` if it is not done by then. What has not begun by then never does, so
+/// that what hangs leaves no queue of what nobody waits for.
+async fn in_turn<T: Send + 'static>(
+    turns: &Arc<Semaphore>,
+    until: Instant,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Option<Result<T, JoinError>> {
+    let turn = tokio::time::timeout_at(until, Arc::clone(turns).acquire_owned()).await.ok()?.ok()?;
+    let done = tokio::task::spawn_blocking(move || {
+        let _turn = turn; // until the work ends, though nobody may wait for it any more
+        work()
+    });
+    tokio::time::timeout_at(until, done).await.ok()
 }
 
 /// A fault, with the options that the page offers; the command line has all of them.
@@ -231,6 +247,9 @@ async fn fault(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{PUMP_ALARMS, PUMP_NOTICES};
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::mpsc::channel;
 
     #[test]
     fn a_fault_is_asked_for_as_the_command_line_does_it() {
@@ -246,6 +265,34 @@ mod tests {
             "it is no way to ask for anything else"
         );
         assert!(request("{\"kind\":\"kill\"}").is_err());
+    }
+
+    #[test]
+    fn work_that_hangs_keeps_its_turn_and_what_nobody_waits_for_any_more_is_never_begun() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        let (turns, begun) = (Arc::new(Semaphore::new(1)), Arc::new(AtomicBool::new(false)));
+        let (release, hangs) = channel::<()>();
+        let soon = || Instant::now() + Duration::from_millis(20);
+        let of_other = Arc::clone(&begun);
+        let last = runtime.block_on(async {
+            let hung = in_turn(&turns, soon(), move || hangs.recv().is_ok()).await;
+            let other = in_turn(&turns, soon(), move || of_other.store(true, Ordering::Relaxed)).await;
+            assert!(hung.is_none() && other.is_none(), "there is one turn, and it is taken");
+            drop(release);
+            in_turn(&turns, Instant::now() + Duration::from_secs(60), || 7).await
+        });
+        assert_eq!(last.and_then(Result::ok), Some(7), "the turn of what has ended is the next one's");
+        assert!(!begun.load(Ordering::Relaxed));
+    }
+
+    #[test]
+    fn each_alarm_of_the_pump_is_told_with_the_meaning_that_the_handbook_gives_it() {
+        let handbook = include_str!("../../../docs/handbook.md");
+        for (_, name) in PUMP_ALARMS.iter().filter(|(bit, _)| bit & PUMP_NOTICES == 0) {
+            let row = handbook.lines().find_map(|line| line.strip_prefix(&format!("| {name} | "))).unwrap();
+            let meaning = row.split(" |").next().unwrap();
+            assert!(PAGE.contains(&format!("'{name}': '{meaning}',")), "{name}: {meaning}");
+        }
     }
 
     #[test]

@@ -40,6 +40,13 @@ fn name_of(number: u32) -> String {
     format!("picture-{number:05}.png")
 }
 
+/// When the next picture is due after the one of this tick: so often in the mean as was asked for, though each waits for the next that is drawn; of a time in which
+/// none was drawn nothing is made up for.
+fn next_due(due_tick: u64, tick: u64, every_ticks: u64) -> u64 {
+    let next = due_tick + every_ticks;
+    if next > tick { next } else { tick + every_ticks }
+}
+
 impl Album {
     /// The album that the settings ask for.
     pub fn open(life: &Life) -> Result<Album, SetError> {
@@ -65,7 +72,7 @@ impl Album {
         if self.writer.is_none() || tick < self.due_tick {
             return;
         }
-        self.due_tick = tick + self.every_ticks;
+        self.due_tick = next_due(self.due_tick, tick, self.every_ticks);
         if !self.make_room(life) {
             self.left_out += 1;
             if self.left_out == 1 {
@@ -121,6 +128,28 @@ impl Album {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of ten pictures in a second that were asked for, beside thirty that were drawn, there were seven and a half.
+    #[test]
+    fn pictures_are_as_many_as_were_asked_for_though_each_waits_for_one_that_is_drawn() {
+        let of = |drawn_every: u64, every_ticks: u64| {
+            let (mut due_tick, mut kept) = (0, Vec::new());
+            for tick in (5_000..15_000).step_by(drawn_every as usize).filter(|tick| !(9_000..11_000).contains(tick)) {
+                if tick >= due_tick {
+                    due_tick = next_due(due_tick, tick, every_ticks);
+                    kept.push(tick);
+                }
+            }
+            kept
+        };
+        let kept = of(33, 100);
+        assert!((78..=82).contains(&kept.len()), "{} in eight seconds", kept.len());
+        assert!(
+            kept.windows(2).all(|two| two[1] - two[0] >= 66),
+            "none on the heels of another, not after a gap either: {kept:?}"
+        );
+        assert_eq!(of(33, 20).len(), (5_000..15_000).step_by(33).filter(|tick| !(9_000..11_000).contains(tick)).count());
+    }
 
     #[test]
     fn only_pictures_of_an_album_count() {

@@ -1,9 +1,9 @@
-//! What the strip of text says: time, pump with its alarms, pictures per second, the case, and for some seconds which process was replaced.
+//! What the strip of text says: time, pump with its alarms, pictures per second, the case, what is held still, and for some seconds which process was replaced.
 
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, SLOTS, Slot};
+use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Slot};
 use rendering::{ALARM, COLUMNS, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
@@ -16,8 +16,12 @@ const HEAR_TICKS: u64 = 400;
 const TEST_MODE: &str = "*** TEST MODE: faults may be injected ***";
 /// What stands there while the loop cuts no finer, for some seconds after each sweep that met a limit.
 const CUT_LIMIT: &str = "notice   no finer cut here: mesh at its limit";
+/// What the fluid said longer ago is not known any more, ticks: with a holder and a spare gone another one is there by then, and the slowest flow has made eight steps.
+const FRESH_TICKS: u64 = 2_000;
+/// Valves below this are shut, of 0 to 1, as a report has it.
+const SHUT: f32 = 0.05;
 /// 1 mmHg, Pa.
-const MMHG_PA: f32 = 133.322;
+const MMHG_PA: f64 = 133.322;
 
 /// The strip's memory.
 #[derive(Debug, Default)]
@@ -26,6 +30,10 @@ pub struct Strip {
     lives: [u32; SLOTS],
     /// Who was replaced within the time of a sign.
     signed: Vec<Slot>,
+    /// Roles whose state is held still, because no successor survives a step of it: of the tissue there is no force.
+    held: Vec<&'static str>,
+    /// What stands beside the flow: which valves are shut.
+    shut: &'static str,
     sign: String,
     sign_until: u64,
     counted_from: u64,
@@ -63,13 +71,27 @@ impl Strip {
         }
     }
 
-    /// Looks at the slots: a life that follows another one is a replacement.
+    /// Looks at the slots, where a life that follows another one is a replacement, and at what is held still.
     pub fn look(&mut self, clock: &StationPage, tick: u64) {
         for number in 0..SLOTS {
             if let Some(slot) = Slot::from_number(number) {
                 self.note(slot, clock.incarnation(slot), tick);
             }
         }
+        self.held.clear();
+        self.held.extend(Role::ALL.into_iter().filter(|role| clock.is_held(*role)).map(Role::name));
+    }
+
+    /// Takes how the valves stand; a flow of nothing is not said to be anybody's doing where that is not known.
+    pub fn turn(&mut self, controls: Option<&Controls>) {
+        let are_shut =
+            controls.map_or([false; 2], |controls| [controls.inflow_valve, controls.outflow_valve].map(|valve| valve < SHUT));
+        self.shut = match are_shut {
+            [true, true] => ", both shut",
+            [true, false] => ", inflow shut",
+            [false, true] => ", outflow shut",
+            [false, false] => "",
+        };
     }
 
     /// Asks what is told of the case.
@@ -120,16 +142,20 @@ impl Strip {
         let mut lines: Vec<String> = self.test_mode.then(|| TEST_MODE.to_string()).into_iter().collect();
         lines.push(format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz));
         if let Some(fluid) = fluid {
-            let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", set_pa / MMHG_PA));
-            lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
-            lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
-            lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml.round() + 0.0)); // of a little less than nothing no minus is left
-            let said = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
+            let is_known = tick <= fluid.state_tick.saturating_add(FRESH_TICKS);
+            // Of a little less than nothing no minus is left.
+            let figure = |value: f64| if is_known { format!("{:4.0}", value.round() + 0.0) } else { "   -".to_string() };
+            let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", f64::from(set_pa) / MMHG_PA));
+            lines.push(format!("pressure {} mmHg{set}", figure(f64::from(fluid.pressure_pa) / MMHG_PA)));
+            lines.push(format!("flow     {} ml/min{}", figure(fluid.inflow_ml_min.into()), self.shut));
+            lines.push(format!("deficit  {} ml", figure(fluid.deficit_ml)));
+            let said = PUMP_ALARMS.iter().filter(|(bit, _)| is_known && fluid.alarms & bit != 0);
             lines.extend(said.map(|(bit, name)| match bit & PUMP_NOTICES {
                 0 => format!("{ALARM}    {name}"),
                 _ => format!("notice   {name}"),
             }));
         }
+        lines.extend(self.held.iter().map(|role| format!("{ALARM}    {role} is held still")));
         if tick < self.limit_until {
             lines.push(CUT_LIMIT.to_string());
         }
@@ -141,7 +167,7 @@ impl Strip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::Role;
+    use hyst_exchange::Station;
 
     #[test]
     fn in_test_mode_the_first_line_says_so_for_ever_and_otherwise_there_is_none() {
@@ -151,6 +177,28 @@ mod tests {
             assert_eq!(lines.split_first(), Some((&TEST_MODE.to_string(), &plain[..])));
         }
         assert!(TEST_MODE.len() <= rendering::COLUMNS);
+    }
+
+    /// The hand felt nothing any more, and the picture did not say why.
+    #[test]
+    fn a_role_that_is_held_still_is_an_alarm_for_as_long_as_it_is() {
+        let station = Station::named(&format!("t{}-strip", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (keeper, clock) = (station.open_for_keeping().unwrap(), station.open().unwrap());
+        let mut strip = Strip::default();
+        let last = |held: u32| {
+            keeper.store32(layout::HELD + Role::Tissue as usize, held);
+            strip.look(&clock, 10);
+            strip.overlay(10, Some(&FluidStatus::default()), None).lines.pop()
+        };
+        let told = [0, 1, 0].map(last);
+        assert_eq!(
+            told.each_ref().map(|line| line.as_deref() == Some("ALARM    tissue is held still")),
+            [false, true, false],
+            "{told:?}"
+        );
+        station.wipe();
     }
 
     #[test]
@@ -216,10 +264,36 @@ mod tests {
         for frame in 1..=40 {
             strip.count(frame * 25);
         }
-        let fluid = FluidStatus { pressure_pa: 9_333.0, inflow_ml_min: 120.4, deficit_ml: 12.6, ..FluidStatus::default() };
+        let status = FluidStatus { pressure_pa: 9_333.0, inflow_ml_min: 120.4, deficit_ml: 12.6, ..FluidStatus::default() };
+        let fluid = FluidStatus { state_tick: 60_990, ..status };
         let overlay = strip.overlay(61_000, Some(&fluid), None);
         assert_eq!(overlay.lines, ["01:01   40 pictures/s", "pressure   70 mmHg", "flow      120 ml/min", "deficit    13 ml"]);
         assert_eq!(strip.overlay(61_000, Some(&fluid), Some(9_999.0)).lines[1], "pressure   70 mmHg, set 75");
+    }
+
+    #[test]
+    fn a_valve_that_is_shut_is_told_beside_the_flow_and_one_that_is_open_or_not_known_is_not() {
+        let mut strip = Strip::default();
+        let mut told = |valves: Option<[f32; 2]>| {
+            let of = |[inflow_valve, outflow_valve]: [f32; 2]| Controls { inflow_valve, outflow_valve, ..Controls::default() };
+            strip.turn(valves.map(of).as_ref());
+            strip.overlay(0, Some(&FluidStatus::default()), None).lines.swap_remove(2)
+        };
+        assert_eq!(told(Some([0.0, 0.3])), "flow        0 ml/min, inflow shut");
+        assert_eq!(told(Some([1.0, 0.0])), "flow        0 ml/min, outflow shut");
+        assert_eq!(told(Some([0.0, 0.0])), "flow        0 ml/min, both shut");
+        for valves in [Some([1.0, 0.3]), Some([f32::NAN; 2]), None] {
+            assert_eq!(told(valves), "flow        0 ml/min", "{valves:?}");
+        }
+    }
+
+    /// Of two fluids that had died the pressure stood there as if it were measured.
+    #[test]
+    fn what_no_fluid_has_said_for_two_seconds_is_no_figure_and_no_alarm() {
+        let fluid = FluidStatus { state_tick: 500, pressure_pa: 9_333.0, alarms: 2, ..FluidStatus::default() };
+        let of = |tick| Strip::default().overlay(tick, Some(&fluid), Some(9_999.0)).lines[1..].to_vec();
+        assert_eq!(of(2_500), ["pressure   70 mmHg, set 75", "flow        0 ml/min", "deficit     0 ml", "ALARM    deficit"]);
+        assert_eq!(of(2_501), ["pressure    - mmHg, set 75", "flow        - ml/min", "deficit     - ml"]);
     }
 
     #[test]

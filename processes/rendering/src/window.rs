@@ -146,14 +146,6 @@ impl Window {
         let native = self.app.native.clone().ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
         Ok(Pane { native, refresh_hz: self.app.refresh_hz })
     }
-
-    /// Another title: the name of the station, and what it does.
-    ///
-    /// # Errors
-    /// [`RenderError::NoDisplay`] if the display went away.
-    pub fn set_title(&self, title: &str) -> Result<(), RenderError> {
-        self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.set_title(title)))
-    }
 }
 
 /// The library's message without the place in its source that it begins with.
