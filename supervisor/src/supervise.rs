@@ -288,8 +288,7 @@ impl Supervisor {
             Input::Notice(Notice::Ready { slot, incarnation, at_ns }) => {
                 let actions = policy::step(at_ns, Event::Ready { slot, incarnation }, &mut self.policy);
                 self.faults.ready(slot, incarnation, at_ns);
-                self.note_rights(slot);
-                self.note_reach(slot);
+                self.note_ready(slot);
                 self.act(actions);
             }
             Input::Notice(Notice::Serves { slot, incarnation, at_ns }) => {

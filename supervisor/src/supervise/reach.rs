@@ -7,8 +7,14 @@ use hyst_messages::{DeviceStatement, Role, Slot};
 use hyst_scene::{Brief, Reach};
 
 impl Supervisor {
+    /// Somebody has become ready: what rights he has, and where his device comes to.
+    pub(super) fn note_ready(&mut self, slot: Slot) {
+        self.note_rights(slot);
+        self.note_reach(slot);
+    }
+
     /// Holds what a device states of its workspace against the case once it has become ready, the first time.
-    pub(super) fn note_reach(&mut self, slot: Slot) {
+    fn note_reach(&mut self, slot: Slot) {
         if slot.role() != Role::Hardware || self.is_reach_known {
             return;
         }
