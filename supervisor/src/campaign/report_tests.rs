@@ -108,7 +108,10 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let row = page.lines().find(|line| line.contains("<td>kill fluid:active</td>")).unwrap();
     let cells =
         ["71 / 83", "67", "latch 59", "4.7 / 4.7", "8.9 / 8.9", "310.7 / 310.7", "0.0606", "0.0123 … 0.1357", "0.213 / 0.087"];
-    cells.into_iter().chain(["6.100 < 7.25", "13 / 300", "17", "29", "43", "37"]).for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
+    cells
+        .into_iter()
+        .chain(["6.100 < 7.25", "13 / 300", "17", "29", "43", "37"])
+        .for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
     let table = &page[..page.find(row).unwrap()];
     let head = &table[table.rfind("<tr><th>").unwrap()..];
     assert_eq!(head.matches("<th>").count(), row.matches("<td").count(), "a heading for each column");

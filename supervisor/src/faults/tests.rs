@@ -109,11 +109,7 @@ fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
     assert_eq!(successor.open.swaps.len(), 1, "the same one");
     hurt(&mut successor, 15_300);
     let controls = tell(&mut successor, 0..16_700);
-    assert_eq!(
-        controls[3..],
-        [(14_701, 14_901), (15_100, 15_300)],
-        "300 ticks after the swap, and the nearest to the other"
-    );
+    assert_eq!(controls[3..], [(14_701, 14_901), (15_100, 15_300)], "300 ticks after the swap, and the nearest to the other");
 }
 
 /// A control that began where a fault's window ended took the harm that came later for what is lost without any.
