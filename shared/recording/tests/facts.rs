@@ -94,7 +94,8 @@ fn who_goes_on_in_a_file_whose_head_is_damaged_goes_on_in_its_session_and_writes
         (0..blocks).for_each(|part| writer.append(&block(1 + 3 * part..4 + 3 * part)).unwrap());
         drop(writer);
         let mut bytes = std::fs::read(folder.file()).unwrap();
-        bytes[places(&bytes, WEIGHT)[0] + DIGIT] ^= 4;
+        let place = places(&bytes, WEIGHT)[0];
+        bytes[place + DIGIT] ^= 4;
         std::fs::write(folder.file(), &bytes).unwrap();
         let mut writer = Writer::open(&folder.file(), &judged()).unwrap();
         assert_eq!((writer.last_tick(), writer.bytes()), (Some(3 * blocks), bytes.len() as u64));

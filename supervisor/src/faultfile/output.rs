@@ -3,10 +3,11 @@
 use super::Injection;
 use hyst_messages::Role;
 use hyst_messages::mischief::{Mischief, Outlet};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// One output of an engine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Output {
     /// The state that its steps send.

@@ -3,10 +3,11 @@
 use super::Injection;
 use hyst_messages::Role;
 use hyst_messages::mischief;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A thread that helps an engine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Helper {
     /// It opens the pages and streams of newcomers.
