@@ -49,8 +49,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 20u
-#define HYST_LAYOUT_HASH 0xb13d12d5977fb85bu
+#define HYST_LAYOUT_VERSION 21u
+#define HYST_LAYOUT_HASH 0x8017d4c0f3817170u
 #define HYST_INTERFACE_VERSION 2u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3

@@ -76,7 +76,7 @@ pub static CONTENTS: [Content; 8] = [
         refused: "another layout, an epoch that nobody has won, a tick that is not there yet; by the next tissue also: sections whose lengths do not fit \
                   section 5, a node beyond 10 m or faster than 1000 m/s, a pose that is not that of the input it names",
         sections: &[
-            records("Core", STATE_OF_TISSUE, 280, "1", "the tool in the step, what was removed, cut and held so far"),
+            records("Core", STATE_OF_TISSUE, 288, "1", "the tool in the step, what was removed, cut and held so far"),
             numbers(POINT, 12, "nodes", "positions, m"),
             numbers(POINT, 12, "nodes", "velocities, m/s"),
             numbers(POINT, 12, "surface vertices", "the surface for the eye, m"),
