@@ -70,7 +70,7 @@ pub struct Faults {
     roster: Roster,
     schedule: Vec<Injection>,
     /// The places of the station, by which it is known whether it is whole.
-    pub slots: Vec<Slot>,
+    slots: Vec<Slot>,
     open: Open,
     /// Closed faults.
     pub closed: Vec<Fault>,
@@ -111,6 +111,11 @@ impl Faults {
             active: ActiveLog::default(),
             suspects: BTreeMap::new(),
         })
+    }
+
+    /// The same in a station that has these slots.
+    pub fn among(self, slots: Vec<Slot>) -> Faults {
+        Faults { slots, ..self }
     }
 
     /// All faults, closed first.

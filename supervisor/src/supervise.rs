@@ -157,8 +157,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let slots = plan.slots();
     let policy = State::new(&slots);
     let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
-    let mut faults = Faults::new(station, &plan.faults)?;
-    faults.slots.clone_from(&slots);
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
@@ -168,7 +166,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         cleaner: Cleaner::new(real_time),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
-        faults,
+        faults: Faults::new(station, &plan.faults)?.among(plan.slots()),
         permit: Permit::new(&page, plan.end_tick),
         progress: Progress::new(crate::settings::is_replay(station), begun_ns),
         holders: roles::Holders::open(station)?,

@@ -34,7 +34,7 @@ fn until_tick(judge: &Judge) -> Option<u64> {
 /// The deficit from which on a case warns, ml: what its rules say, or what the pump allows of its medium.
 fn deficit_limit_ml(judge: &Judge) -> Option<f64> {
     let limits =
-        judge.brief.warnings.iter().filter_map(|warning| serde_json::to_value(&warning.is).ok()?["deficit_above"].as_f64());
+        judge.brief.warnings.iter().filter_map(|warning| serde_json::to_value(warning.is).ok()?["deficit_above"].as_f64());
     limits.reduce(f64::min)
 }
 

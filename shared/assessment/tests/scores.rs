@@ -182,7 +182,8 @@ fn edited(change: fn(&mut Value)) -> [bool; 2] {
 
 #[test]
 fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_marked() {
-    let changes: [(fn(&mut Value), [bool; 2]); 10] = [
+    type Change = (fn(&mut Value), [bool; 2]);
+    let changes: [Change; 10] = [
         (|_| {}, [false, false]),
         (|case| case["goals"][0]["words"] = json!("take a tenth of a millilitre"), [false, false]),
         (|case| case["goals"][0]["is"] = json!({ "removed": 0.2 }), [false, true]),

@@ -15,7 +15,7 @@ pub enum FaultCommand {
     },
     /// Inject a fault.
     #[command(after_help = codes::INJECT)]
-    Inject(InjectArgs),
+    Inject(Box<InjectArgs>),
     /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
     #[command(after_help = codes::CAMPAIGN)]
     Campaign(CampaignArgs),
