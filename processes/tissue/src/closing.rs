@@ -8,6 +8,7 @@
 mod lattice;
 mod slit;
 
+use crate::body::Body;
 use crate::world::World;
 use hyst_scene::{DeformableKind, LoadedScene};
 use hyst_tissue::holding_forces;
@@ -27,6 +28,8 @@ const MMHG_PA: f32 = 133.322;
 pub struct Closing {
     /// The closed shape, of a cavity that has one.
     slit: Option<Slit>,
+    /// The organ that has it, by its number, and of how many tets it is.
+    organ: (u32, usize),
     /// Pressure from which on the walls are apart, Pa.
     parting_pa: f32,
     /// What is said of it.
@@ -39,16 +42,23 @@ impl Closing {
         let parting_pa = (scene.fluid.cavity.parting_pa as f32).min(scene.fluid.rest_pressure_pa);
         let is_hollow_organ = |object: &hyst_scene::LoadedDeformable| object.hollow && object.kind == DeformableKind::Organ;
         let Some(organ) = scene.objects.iter().position(is_hollow_organ) else {
-            return Closing { slit: None, parting_pa, notes: Vec::new() };
+            return Closing { slit: None, organ: (0, 0), parting_pa, notes: Vec::new() };
         };
+        let number = (organ as u32, scene.objects[organ].mesh.tets.len());
         let below = format!("{}: below {:.0} mmHg its cavity", scene.objects[organ].name, parting_pa / MMHG_PA);
         match Slit::of(scene, organ) {
             Ok(slit) => {
                 let notes = vec![format!("{below} closes to a slit, in {CLOSING_S} s")];
-                Closing { slit: Some(slit), parting_pa, notes }
+                Closing { slit: Some(slit), organ: number, parting_pa, notes }
             }
-            Err(why) => Closing { slit: None, parting_pa, notes: vec![format!("{below} stays open: {why}")] },
+            Err(why) => Closing { slit: None, organ: number, parting_pa, notes: vec![format!("{below} stays open: {why}")] },
         }
+    }
+
+    /// Whether a body's organ has the tets of the scene: a stroke that cuts it makes more of them, or takes some. The forces that lead a cut wall to its closed
+    /// shape meet tets of every form, and a wall that is cut through has no such shape.
+    pub fn is_whole(&self, body: &Body) -> bool {
+        body.rest.regions.iter().filter(|region| **region == self.organ.0).count() == self.organ.1
     }
 
     /// What is said of it, one sentence each.

@@ -99,6 +99,8 @@ pub struct World {
     pub objects: Vec<ObjectRecord>,
     /// Those that nothing holds.
     pub drifters: Vec<Drifter>,
+    /// Whether no stroke has cut the organ that has the cavity: one that is cut stays open, or opens.
+    pub is_organ_whole: bool,
     /// The forces that hold the cavity shut, once somebody has asked for them.
     pub shut_n: OnceLock<Vec<[f32; 3]>>,
     /// What making the model took, one sentence each.
@@ -221,6 +223,7 @@ impl World {
             points,
             objects,
             version: version_of(&words),
+            is_organ_whole: case.closing.is_whole(&body),
             shut_n: OnceLock::new(),
             notes: Vec::new(),
             model,

@@ -1,7 +1,7 @@
 //! Whether a topology can be: what everyone asks before he takes one, for what is made of it stands until the next one comes.
 //!
-//! Promise: of a topology that is sound every tet has its nodes and its owner, every triangle of an object the object's vertices, and every place is one where
-//! an organ can be. A look at the message alone; it allocates nothing.
+//! Promise: of a topology that is sound every tet has its nodes and its owner, every triangle its corners, every object its vertices and triangles, and every place
+//! is one where an organ can be. A look at the message alone; it allocates nothing.
 
 use crate::WireError;
 use crate::stream::{Kind, Message, ObjectKind, ObjectRecord};
@@ -23,17 +23,16 @@ fn is_sound(message: &Message<'_>) -> Result<bool, WireError> {
     let (raw, nodes_m): (&[u32], &[[f32; 3]]) = (message.section(6)?, message.section(7)?);
     // An instrument without surfaces from files has none.
     let metal_m: &[[f32; 3]] = message.section(8).unwrap_or(&[]);
+    // A session that has used up the room of its surface has triangles that reach from a piece to what it was cut off: the corners are looked at by themselves.
     let has_its_own = |object: &ObjectRecord| {
         object.kind == ObjectKind::Tool as u32
-            || range(object.vertices, surface_m.len()).is_some_and(|own| {
-                let mine = range(object.triangles, triangles.len()).map(|mine| &triangles[mine]);
-                mine.is_some_and(|mine| mine.iter().flatten().all(|corner| own.contains(&(*corner as usize))))
-            })
+            || range(object.vertices, surface_m.len()).is_some() && range(object.triangles, triangles.len()).is_some()
     };
     Ok(owners.len() == tets.len()
         && raw.len() == surface_m.len()
         && owners.iter().all(|owner| *owner < MOST_OBJECTS)
         && tets.iter().flatten().all(|node| (*node as usize) < nodes_m.len())
+        && triangles.iter().flatten().all(|corner| (*corner as usize) < surface_m.len())
         && [surface_m, nodes_m, metal_m].iter().all(|places_m| are_near(places_m))
         && objects.iter().all(has_its_own))
 }
@@ -77,6 +76,8 @@ mod tests {
     #[test]
     fn a_topology_with_a_number_or_an_index_that_cannot_be_is_none() {
         assert!(is_taken(&topology(|_| ())), "a good one");
+        let reaches_over = |it: &mut MessageMut<'_>| it.section::<ObjectRecord>(0).unwrap()[1].vertices = [0, 3];
+        assert!(is_taken(&topology(reaches_over)), "a triangle that was not cut reaches to another object");
         type Change = fn(&mut MessageMut<'_>);
         let changes: [(&str, Change); 8] = [
             ("a tet without its node", |it| it.section::<[u32; 4]>(1).unwrap()[0][2] = 4),

@@ -102,7 +102,8 @@ impl MainLoop<'_> {
     /// part of this state, so that a substitute for it uses the same.
     pub(super) fn hand(&self, context: &StepContext, before: &Core) -> Hand {
         let dt_s = context.step_ticks as f32 * 1e-3;
-        let next_closed = self.world.case.closing.after(before.closed, before.pressure_pa, dt_s);
+        let parts_pa = if self.world.is_organ_whole { before.pressure_pa } else { f32::INFINITY };
+        let next_closed = self.world.case.closing.after(before.closed, parts_pa, dt_s);
         let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces, ..Medium::default() };
         let Some(input) = self.input(context.tick) else {
             let (pose, loop_m, next_medium) = (before.pose, before.loop_m, medium);
