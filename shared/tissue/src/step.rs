@@ -298,6 +298,8 @@ fn write(
             (at, v) = (sane_position(model, now, node).0, [0.0; 3]);
             report.recovered_nodes += 1;
         } else if v.iter().any(|v| v.abs() >= cap) {
+            // No tissue is so fast: a mesh that is too thin for its steps shakes so, and goes on until somebody takes its energy.
+            v = [0.0; 3];
             report.capped_nodes += 1;
         } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {
             at = input.targets_m[node]; // free of the rounding of the substeps
