@@ -1,4 +1,4 @@
-//! The colour of blood in saline: what it takes of red, green and blue on its way, and what it scatters back. The numbers to be tuned by eye stand here.
+//! The colour of blood in saline: what it takes of red, green and blue on its way, and what it scatters back. How much of it is drawn says [`hyst_flow::EXTINCTION_PER_M`].
 //!
 //! Absorption is that of oxygenated haemoglobin, 150 g/l as in whole blood of a haematocrit of 45 % (Prahl, "Tabulated molar extinction coefficient for
 //! hemoglobin in water", 1999; 2.303 e x / 64 500), over bands of 20 nm (standard deviation) about 610, 540 and 460 nm, which stand for a camera's
@@ -8,14 +8,6 @@
 
 /// Extinction of undiluted blood, 1/m: red, green, blue.
 const WHOLE_PER_M: [f32; 3] = [2_500.0, 21_500.0, 26_600.0];
-
-/// Share of it that is drawn. In saline blood draws opaque threads: some 0.5 mm wide (assumed), of which a metre of a medium that holds the share f in them
-/// meets 4 f / (π 0.0005) = 2 500 f. A cell of the flow, a millimetre or two wide, knows that share alone: with the whole extinction a drop
-/// of a microlitre, the least that a vessel gives and less than a cell, would hide all behind the eight cells that it is spread over.
-const DRAWN: f32 = 0.125;
-
-/// Extinction of green light by undiluted blood as it is drawn, 1/m; [`hyst_flow::EXTINCTION_PER_M`], by which the view is judged, is the same.
-pub const EXTINCTION_PER_M: f32 = DRAWN * WHOLE_PER_M[1];
 
 /// Extinction of red, green and blue light, of that of green.
 pub(crate) const SPECTRUM: [f32; 3] = [WHOLE_PER_M[0] / WHOLE_PER_M[1], 1.0, WHOLE_PER_M[2] / WHOLE_PER_M[1]];
@@ -78,7 +70,7 @@ mod tests {
 
     #[test]
     fn what_is_drawn_is_what_the_view_is_judged_by() {
-        assert_eq!(EXTINCTION_PER_M, hyst_flow::EXTINCTION_PER_M);
+        assert_eq!(hyst_flow::EXTINCTION_PER_M, 0.125 * WHOLE_PER_M[1], "an eighth is drawn");
     }
 
     #[test]

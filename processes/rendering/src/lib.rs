@@ -39,7 +39,6 @@ mod timing;
 mod uniforms;
 mod window;
 
-pub use blood::EXTINCTION_PER_M;
 pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, USUAL_PERIPHERY_RATIO, View, distortion};
 pub use caught::spare_caught_panics;

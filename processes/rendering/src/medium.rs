@@ -4,9 +4,9 @@
 //! Promise: a clear medium costs no pass over the picture; a grid whose numbers contradict each other is refused.
 
 use bytemuck::{Pod, Zeroable};
-use hyst_flow::StateView;
+use hyst_flow::{EXTINCTION_PER_M, StateView};
 use hyst_messages::{FluidStatus, Kind, Message, SealRecord, WireError};
-use rendering::{CLEAR, EXTINCTION_PER_M, FlowField, FluidField};
+use rendering::{CLEAR, FlowField, FluidField};
 
 /// Section of the solver's block in a fluid state.
 const BLOCK: usize = 1;

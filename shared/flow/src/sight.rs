@@ -6,8 +6,10 @@
 use crate::grid::Grid;
 use crate::state::StateView;
 
-/// Extinction of green light by undiluted blood, 1/m: that with which the Vision Engine draws it, which says why and has a test that both are the same
-/// (`processes/rendering/src/blood.rs`).
+/// Extinction of green light by undiluted blood as it is drawn and as the view is judged by it, 1/m: an eighth of what whole blood has
+/// (`processes/rendering/src/blood.rs`). In saline blood draws opaque threads: some 0.5 mm wide (assumed), of which a metre of a medium that holds the share f
+/// in them meets 4 f / (π 0.0005) = 2 500 f. A cell of the flow, a millimetre or two wide, knows that share alone: with the whole extinction a
+/// drop of a microlitre, the least that a vessel gives and less than a cell, would hide all behind the eight cells that it is spread over.
 pub const EXTINCTION_PER_M: f32 = 2_687.5;
 /// So far is looked, m: across a uterine cavity, and where a lens is focused that is not set (20 mm).
 pub const SIGHT_M: f32 = 0.02;

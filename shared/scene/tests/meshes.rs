@@ -1,25 +1,12 @@
 //! Scenes on meshes that nobody made for them: units, faults, surfaces, attachments, and a mesh alone.
 #![allow(missing_docs)]
 
-use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, load};
-use std::path::PathBuf;
+mod folder;
 
-/// A folder of its own for one test, removed when it ends.
-struct Folder(PathBuf);
+use folder::Folder;
+use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, load};
 
 impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("hyst-scene-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn file(&self, name: &str, content: &str) -> PathBuf {
-        let path = self.0.join(name);
-        std::fs::write(&path, content).unwrap();
-        path
-    }
-
     /// Loads a scene of one deformable table and one instrument.
     fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
         self.load_with(deformable, "")
@@ -31,12 +18,6 @@ impl Folder {
             "version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n{rigid}\n"
         );
         load(&self.file("scene.toml", &text))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 

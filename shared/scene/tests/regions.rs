@@ -1,34 +1,15 @@
 //! Regions of material in a scene: which tets each has, by the numbers of three formats and by place, what they are made of, and each fault of them.
 #![allow(missing_docs)]
 
+mod folder;
+
+use folder::Folder;
 use hyst_scene::{LoadedDeformable, LoadedScene, SceneError, SceneErrorKind as Kind, check, find_case, load};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-
-/// A folder of its own for one test, removed when it ends.
-struct Folder(PathBuf);
 
 impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("hyst-regions-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn file(&self, name: &str, content: &str) -> PathBuf {
-        let path = self.0.join(name);
-        std::fs::write(&path, content).unwrap();
-        path
-    }
-
     fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
         load(&self.file("scene.toml", &text(deformable)))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 

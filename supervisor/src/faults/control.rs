@@ -58,21 +58,15 @@ impl Search<'_> {
 
     /// The best that there is when nothing is waited for any more, and what is wrong with it.
     pub fn any(&self, used: &[(u64, u64)], fault: &mut Fault) -> Option<Window> {
-        let states = [Some(self.contact), None];
-        let own = |early: bool| states.into_iter().find_map(|contact| self.nearest(used, contact, early));
-        let shared = |early: bool| states.into_iter().find_map(|contact| self.nearest(&[], contact, early));
-        if let Some(control) = own(false) {
-            return Some(control);
+        for (early, shared) in [(false, false), (false, true), (true, false), (true, true)] {
+            let used = if shared { &[] } else { used };
+            let found = [Some(self.contact), None].into_iter().find_map(|contact| self.nearest(used, contact, early));
+            if found.is_some() {
+                (fault.control_early, fault.control_shared) = (early, shared);
+                return found;
+            }
         }
-        if let Some(control) = shared(false) {
-            fault.control_shared = true;
-            return Some(control);
-        }
-        fault.control_early = true;
-        own(true).or_else(|| {
-            fault.control_shared = true;
-            shared(true)
-        })
+        None
     }
 
     /// The ticks right after the window, up to the next fault or swap; `None` where one is under way.
