@@ -45,6 +45,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         let begun_ns = system::now_ns();
         life.misbehave();
         desk.tell(journal.news());
+        sources.helpers.look(life);
         sources.welcome();
         desk.note_pump(sources.pump(life.tick()));
         desk.note_tissue(sources.cutting());

@@ -4,9 +4,10 @@
 use crate::look::{Pictures, Tissue};
 use crate::picture::Picture;
 use crate::pump::Pump;
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::{device, fluid, hardware, header, rendering, tissue};
 use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, TissueStatus};
 
@@ -18,6 +19,8 @@ const TISSUES: usize = Role::Tissue.slots().1;
 #[derive(Debug)]
 pub struct Sources {
     inbox: Inbox,
+    /// Its usher, which is looked at in each step.
+    pub helpers: Helpers,
     pictures: Option<Subscriber>,
     rendering: Option<ReadPage>,
     fluids: [Option<ReadPage>; FLUIDS],
@@ -44,6 +47,7 @@ impl Sources {
         }
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         Ok(Sources {
+            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
             inbox,
             pictures: None,
             rendering: None,

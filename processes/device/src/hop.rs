@@ -11,9 +11,10 @@ use crate::replicas::{Chosen, Replicas};
 use hyst_coupling::{
     AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step,
 };
-use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
+use hyst_engine::{Failure, Helper, Helpers, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device as layout, haptic, hardware, header, station};
 use hyst_messages::{Applied, AppliedRecord, DeviceLimits, ForceCommand, HardwareSample, InputRecord, Medium, Role};
 
@@ -33,6 +34,7 @@ const LOOK_NS: u64 = 100_000;
 struct Hop<'a> {
     life: &'a Life,
     inbox: PageInbox,
+    helpers: Helpers,
     hardware: Plugged,
     models: Models,
     replicas: Replicas,
@@ -71,7 +73,9 @@ fn run_as(life: &Life, order: fn(u32, u64) -> (u32, u64), gives: fn([f32; 3]) ->
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
     let energy = EnergyState::default();
-    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, energy, share: 1.0, lies, again, gives };
+    let helpers = Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]);
+    let share = 1.0;
+    let mut hop = Hop { life, inbox, helpers, hardware, models, replicas, params, state, energy, share, lies, again, gives };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -148,6 +152,7 @@ impl Hop<'_> {
         let mut next_tick = None;
         while let Some(tick) = pace.wait() {
             self.life.misbehave();
+            self.helpers.look(self.life);
             self.receive_ports();
             let sample = self.hardware.look(self.life)?;
             let Some(given) = self.given(tick) else {

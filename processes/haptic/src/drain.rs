@@ -1,9 +1,9 @@
 //! The drain: an ordinary thread of the servo's process that publishes the device's force and tool records as a stream, so that the way from
 //! hand to force touches no stream. Both replicas publish; a reader takes each tick once.
 
-use hyst_engine::{Failure, Liar, Life};
+use hyst_engine::{Failure, Helper, Liar, Life};
 use hyst_exchange::usher::{Departure, Port, Wanted, usher};
-use hyst_exchange::{Links, Publisher, ReadPage, system};
+use hyst_exchange::{Links, Publisher, ReadPage, Rounds, system};
 use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::page::device as layout;
 use hyst_messages::stream::message_bytes;
@@ -22,7 +22,16 @@ const MOST_REFUSED: u32 = 50;
 /// Ends the drain's thread when dropped.
 pub struct Drain {
     stop: Arc<AtomicBool>,
+    rounds: Rounds,
+    usher: Rounds,
     handle: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Drain {
+    /// The drain and its own usher, as the servo watches them.
+    pub fn helpers(&self) -> [Helper; 2] {
+        [Helper::new(Thread::Drain, self.rounds.clone()), Helper::new(Thread::Usher, self.usher.clone())]
+    }
 }
 
 impl Drop for Drain {
@@ -41,6 +50,8 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     let mut inbox = usher(&life.station, Some(links), life.incarnation, vec![(Role::Device, Wanted::Page)])?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
+    let (rounds, usher) = (Rounds::default(), inbox.rounds());
+    let passed = rounds.clone();
     let incarnation = life.incarnation;
     let (loses_a_loan, mut lies) = (life.loan_loser()?, life.liar(Outlet::Force, bytes)?);
     let stalls = life.staller(Thread::Drain)?;
@@ -49,6 +60,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
         let mut device: Option<ReadPage> = None;
         let (mut next, mut refused) = (0, 0);
         while !stopped.load(Ordering::Acquire) {
+            passed.pass();
             stalls(&stopped);
             while let Some(arrival) = inbox.take() {
                 let Port::Page(page) = arrival.port else { continue };
@@ -69,7 +81,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
         }
     };
     let handle = std::thread::Builder::new().name("drain".into()).spawn(body)?;
-    Ok(Drain { stop, handle: Some(handle) })
+    Ok(Drain { stop, rounds, usher, handle: Some(handle) })
 }
 
 /// Publishes the records from `next` on; gives the tick after the last one, `None` if there was no block to write into. What cannot be sent is sent

@@ -8,9 +8,10 @@ use crate::accord::{self, LONELY_TICKS, Origin, Other, Seat};
 use crate::drain;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
 use hyst_engine::lane::Follower;
-use hyst_engine::{Failure, Lies, Life, realtime};
+use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device, haptic, header};
 use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
@@ -28,6 +29,7 @@ const HISTORY: usize = 256;
 struct Servo<'a> {
     life: &'a Life,
     inbox: PageInbox,
+    helpers: Helpers,
     device: Option<ReadPage>,
     peer: Option<ReadPage>,
     params: ServoParams,
@@ -52,13 +54,15 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 /// The same of one that tells another force than it has computed, or tells it later: for whoever tries what becomes of a servo that does.
 pub fn run_telling(life: &Life, tells: fn([f32; 3]) -> [f32; 3]) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
-    let _drain = drain::start(life, links)?;
+    let drain = drain::start(life, links)?;
     life.ports_are_open();
     let roles = [Role::Device, Role::Haptic];
     let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
+    let helpers = Helpers::of(drain.helpers().into_iter().chain([Helper::new(Thread::Usher, inbox.rounds())]));
     let mut servo = Servo {
         life,
         inbox,
+        helpers,
         device: None,
         peer: None,
         params: ServoParams::default(),
@@ -110,6 +114,7 @@ impl Servo<'_> {
     fn run(&mut self) {
         let (mut seen, mut lane) = (0, Follower::default());
         while !self.life.clock.stop_requested() {
+            self.helpers.look(self.life);
             self.receive_ports();
             lane.follow(self.life, self.life.is_lockstep());
             let now = system::now_ns();

@@ -1,9 +1,10 @@
 //! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid, rendering's pictures.
 
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
@@ -75,6 +76,7 @@ fn records_of(message: &[u8], present: u64) -> Option<&[AppliedRecord]> {
 /// All sources, and the next tick that is expected of them.
 pub struct Gather {
     inbox: Inbox,
+    helpers: Helpers,
     collector: Collector,
     lives: Vec<DeviceLife>,
     streams: Vec<(Slot, Subscriber)>,
@@ -103,6 +105,7 @@ impl Gather {
         // It may have missed the steps of its last look; one that is written twice counts once.
         let first_step = last_tick.map_or(0, |tick| tick.saturating_sub(MISSED_TICKS));
         Ok(Gather {
+            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
             inbox,
             collector,
             lives: Vec::new(),
@@ -116,6 +119,7 @@ impl Gather {
 
     /// Adds everything that is new to the block.
     pub fn take(&mut self, life: &Life, roster: &Roster, block: &mut Block) {
+        self.helpers.look(life);
         while let Some(arrival) = self.inbox.take() {
             self.seat(arrival);
         }

@@ -4,9 +4,10 @@
 //! the fluid's state until the next one.
 
 use crate::looks::Looks;
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
 use hyst_messages::{
@@ -23,6 +24,8 @@ const SLOWEST_STEP_TICKS: u64 = 64;
 #[derive(Debug)]
 pub struct Sources {
     inbox: Inbox,
+    /// Its usher, which is looked at in each step.
+    pub helpers: Helpers,
     /// Of tissue and fluid.
     horizons: [Horizon; 2],
     clock: StationPage,
@@ -79,8 +82,10 @@ impl Sources {
             (Role::Console, Wanted::Page),
             (Role::Recorder, Wanted::Page),
         ];
+        let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         Ok(Sources {
-            inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
+            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
+            inbox,
             horizons: [Horizon::open(&life.station, Role::Tissue)?, Horizon::open(&life.station, Role::Fluid)?],
             clock: life.station.open()?,
             states: Default::default(),

@@ -231,6 +231,7 @@ impl<'a> Vision<'a> {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
             last_ns = pace.woken_ns();
             life.misbehave();
+            sources.helpers.look(life);
             sources.welcome();
             let sample = sources.sample();
             let given = sample.as_ref().map_or(0, |sample| sample.from_window);

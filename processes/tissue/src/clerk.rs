@@ -4,9 +4,9 @@
 use crate::site::MAX_OBJECTS;
 use crate::world::World;
 use crossbeam::queue::ArrayQueue;
-use hyst_engine::{Failure, Liar, Life};
+use hyst_engine::{Failure, Helper, Liar, Life};
 use hyst_exchange::rendezvous::Server;
-use hyst_exchange::{Links, Publisher, system};
+use hyst_exchange::{Links, Publisher, Rounds, system};
 use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
@@ -28,6 +28,7 @@ pub const SECTIONS: usize = 11;
 pub struct Clerk {
     changes: Arc<ArrayQueue<Arc<World>>>,
     stop: Arc<AtomicBool>,
+    rounds: Rounds,
     handle: Option<std::thread::JoinHandle<()>>,
 }
 
@@ -125,9 +126,12 @@ impl Clerk {
         let changed = Arc::clone(&changes);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
+        let rounds = Rounds::default();
+        let passed = rounds.clone();
         let body = move || {
             let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
             while !stopped.load(Ordering::Acquire) {
+                passed.pass();
                 stalls(&stopped);
                 // A link that fails here fails for newcomers alone; their next look asks again.
                 let _ = publisher.announce();
@@ -152,7 +156,12 @@ impl Clerk {
             }
         };
         let handle = std::thread::Builder::new().name("clerk".into()).spawn(body)?;
-        Ok(Clerk { changes, stop, handle: Some(handle) })
+        Ok(Clerk { changes, stop, rounds, handle: Some(handle) })
+    }
+
+    /// The clerk as its engine watches it.
+    pub fn helper(&self) -> Helper {
+        Helper::new(Thread::Clerk, self.rounds.clone())
     }
 
     /// Hands over a world whose topology is to be sent.

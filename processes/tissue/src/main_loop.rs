@@ -24,7 +24,7 @@ use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections, wri
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
-use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
+use hyst_engine::{Failure, Helper, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
 use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
@@ -195,6 +195,10 @@ impl Stateful for MainLoop<'_> {
         self.collision.open(self.life, links, &self.world)?;
         self.clerk = Some(Clerk::start(self.life, links, Arc::clone(&self.world))?);
         Ok(())
+    }
+
+    fn helpers(&self) -> Vec<Helper> {
+        self.clerk.iter().map(Clerk::helper).collect()
     }
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {

@@ -3,6 +3,7 @@
 
 pub mod address;
 pub mod bench;
+pub mod helpers;
 pub mod journal;
 pub mod kept;
 pub mod lane;
@@ -19,6 +20,7 @@ pub mod told;
 pub mod verify;
 
 pub use address::Address;
+pub use helpers::{Helper, Helpers};
 pub use life::{Failure, Life, run};
 pub use mischief::{Liar, Lies, Output};
 pub use pace::Pace;

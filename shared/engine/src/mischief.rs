@@ -180,6 +180,15 @@ impl Life {
 
     /// Says in the page that another process's output is wrong, and why; the supervisor reads it.
     pub fn distrust(&self, incarnation: u32, why: Distrust) {
+        self.accuse(incarnation, why as u64);
+    }
+
+    /// Says in the page that a thread that helps this process stands still.
+    pub(crate) fn name_helper(&self, thread: Thread) {
+        self.accuse(self.incarnation, thread.standstill());
+    }
+
+    fn accuse(&self, incarnation: u32, why: u64) {
         let now_ns = system::now_ns();
         let page = &self.page;
         let known = (0..header::DISTRUSTED_ENTRIES).find(|index| page.load64(header::distrusted(*index)) as u32 == incarnation);
@@ -188,14 +197,14 @@ impl Life {
         let fresh = known.is_some() && now_ns.saturating_sub(page.load64(at + 2)) <= SERIES_NS;
         // Who is late after it was refused is still the one that was refused, and when it was refused stands.
         let light = |why: u64| why == Distrust::Missing as u64 || why == Distrust::Differs as u64;
-        if fresh && light(why as u64) && !light(page.load64(at) >> 32) {
+        if fresh && light(why) && !light(page.load64(at) >> 32) {
             return;
         }
         if !fresh {
             page.store64(at + 1, now_ns);
         }
         page.store64(at + 2, now_ns);
-        page.store64(at, (why as u64) << 32 | incarnation as u64);
+        page.store64(at, why << 32 | incarnation as u64);
     }
 }
 

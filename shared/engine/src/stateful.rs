@@ -14,6 +14,7 @@ mod strain;
 mod tenure;
 mod trial;
 
+use crate::helpers::{Helper, Helpers};
 use crate::life::{Failure, Life};
 use crate::mischief::Lies;
 use crate::pace::Pace;
@@ -25,7 +26,7 @@ use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Inbox, Wanted, usher};
 use hyst_exchange::{Horizon, Links, Publisher, system};
-use hyst_messages::mischief::Outlet;
+use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Message, Role, Slot, TICK_NS};
@@ -47,6 +48,7 @@ struct Loop<'a, S: Stateful> {
     publisher: Publisher,
     chain: Chain,
     inbox: Inbox,
+    helpers: Helpers,
     lies: Lies,
     misses: u32,
     held: bool,
@@ -68,10 +70,12 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     let bytes = engine.message_bytes();
     let publisher = links.publisher(role, life.incarnation, engine.kind(), bytes)?;
     let chain = Chain::new(links.subscriber(role, life.incarnation, engine.kind())?)?;
-    let _keeper = keeper::keep(life, links.subscriber(role, life.incarnation, engine.kind())?, bytes)?;
+    let keeper = keeper::keep(life, links.subscriber(role, life.incarnation, engine.kind())?, bytes)?;
     let mut interests = engine.interests();
     interests.push((role, Wanted::Stream(engine.kind())));
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
+    let own = [keeper.helper(), Helper::new(Thread::Usher, inbox.rounds())];
+    let helpers = Helpers::of(own.into_iter().chain(engine.helpers()));
     let (roster, horizon) = (Roster::open(&life.station)?, Horizon::open(&life.station, role)?);
     let lies = Lies::new(life, bytes);
     let trial = trial::Trial::default();
@@ -84,6 +88,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
         publisher,
         chain,
         inbox,
+        helpers,
         lies,
         misses: 0,
         held: false,
@@ -203,6 +208,7 @@ impl<S: Stateful> Loop<'_, S> {
             let Some(tick) = pace.wait() else { return Ok(()) };
             let leaves = self.room.as_mut().is_some_and(|room| room.woken(pace.woken_ns()));
             self.life.misbehave();
+            self.helpers.look(self.life);
             self.receive_ports();
             let holder = self.roster.holder(self.role);
             self.note_trial(holder);

@@ -7,6 +7,7 @@
 use crate::mappings::Touched;
 use crate::page::ReadPage;
 use crate::rendezvous::ProcessClient;
+use crate::rounds::Rounds;
 use crate::stall::stall;
 use crate::station::{Station, StationError, StationPage};
 use crate::stream::{Held, Links, Subscriber};
@@ -93,10 +94,15 @@ pub struct Inbox<A = Arrival, D = Departure> {
     arrivals: rtrb::Consumer<A>,
     departures: rtrb::Producer<D>,
     stop: Arc<AtomicBool>,
+    rounds: Rounds,
     handle: Option<std::thread::JoinHandle<()>>,
 }
 
 impl<A, D> Inbox<A, D> {
+    /// How often the usher has got on: with each guest that it looks after, and at least every 20 ms.
+    pub fn rounds(&self) -> Rounds {
+        self.rounds.clone()
+    }
     /// The next port, if one has come.
     pub fn take(&mut self) -> Option<A> {
         self.arrivals.pop().ok()
@@ -134,6 +140,7 @@ struct Desk {
     interests: Vec<(Role, Wanted)>,
     known: Vec<(Slot, u32, Wanted)>,
     waiting: Vec<Guest>,
+    rounds: Rounds,
 }
 
 /// Makes the port of a guest whose page is open; `Ok(None)` if it is not ready for it, `Err` if it never will be.
@@ -192,6 +199,7 @@ impl Desk {
             if arrivals.is_full() {
                 return;
             }
+            self.rounds.pass();
             let guest = &mut self.waiting[at];
             guest.tries = guest.tries.saturating_add(1);
             if guest.page.is_none() {
@@ -263,7 +271,9 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let page = station.open()?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
-    let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
+    let rounds = Rounds::default();
+    let passed = rounds.clone();
+    let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new(), rounds: passed };
     if manner.pages_alone {
         desk.notice(&page);
         desk.seat(&mut arrivals, &mut connect);
@@ -271,6 +281,7 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let body = move || {
         manner.take_class();
         while !stopped.load(Ordering::Acquire) {
+            desk.rounds.pass();
             let seen = page.changes();
             desk.stand_still(&page, &stopped);
             while departures.pop().is_ok() {}
@@ -284,5 +295,5 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let handle = if manner.pages_alone { builder.stack_size(PAGES_STACK) } else { builder }
         .spawn(body)
         .map_err(|source| StationError::Root { path: station.root().to_path_buf(), source })?;
-    Ok(Inbox { arrivals: inbox_arrivals, departures: inbox_departures, stop, handle: Some(handle) })
+    Ok(Inbox { arrivals: inbox_arrivals, departures: inbox_departures, stop, rounds, handle: Some(handle) })
 }

@@ -157,7 +157,32 @@ pub enum Thread {
 impl Thread {
     /// All of them.
     pub const ALL: [Thread; 5] = [Thread::Steps, Thread::Usher, Thread::Drain, Thread::Keeper, Thread::Clerk];
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Thread::Steps => "steps",
+            Thread::Usher => "usher",
+            Thread::Drain => "drain",
+            Thread::Keeper => "keeper",
+            Thread::Clerk => "clerk",
+        }
+    }
+
+    /// Why a process distrusts itself: this thread, which helps it, stands still.
+    pub fn standstill(self) -> u64 {
+        STANDSTILL + self as u64
+    }
+
+    /// The thread that stands still, if that is why.
+    pub fn of_standstill(why: u64) -> Option<Thread> {
+        let mut helpers = Thread::ALL.into_iter().filter(|thread| *thread != Thread::Steps);
+        helpers.find(|thread| thread.standstill() == why)
+    }
 }
+
+/// Beyond the numbers of [`Distrust`]; a thread's own is added to it.
+const STANDSTILL: u64 = 16;
 
 /// Why one process distrusts another's output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -273,6 +298,17 @@ mod tests {
         assert_eq!(Request::from_words([7 << 32 | 99, 0, 0], 7), None);
         let lie = Request::of(Mischief::Nan, 7).words();
         assert_eq!(Request::from_words([lie[0], 0, 99], 7), None, "by no output that there is");
+    }
+
+    #[test]
+    fn a_standstill_names_the_thread_and_is_no_distrust_of_another() {
+        let helpers = [Thread::Usher, Thread::Drain, Thread::Keeper, Thread::Clerk];
+        assert_eq!(helpers.map(|thread| Thread::of_standstill(thread.standstill())), helpers.map(Some));
+        assert_eq!(Thread::of_standstill(Thread::Steps.standstill()), None, "that one has a heartbeat");
+        for why in [Distrust::Invalid, Distrust::Still, Distrust::Frozen, Distrust::Differs, Distrust::Missing] {
+            assert_eq!(Thread::of_standstill(why as u64), None, "{why:?}");
+        }
+        assert_eq!([0, 7, u64::MAX].map(Thread::of_standstill), [None; 3]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What an author of an engine with a spare writes: the first state, and a step from one to the next.
 
+use crate::helpers::Helper;
 use crate::life::Failure;
 use hyst_exchange::Links;
 use hyst_exchange::roster::Tenure;
@@ -51,6 +52,10 @@ pub trait Stateful {
     /// Opens further ports of its own, before anything is real time.
     fn open(&mut self, _links: &Links) -> Result<(), Failure> {
         Ok(())
+    }
+    /// Threads that help it beside usher and keeper, once its ports are open: they are watched as those are.
+    fn helpers(&self) -> Vec<Helper> {
+        Vec::new()
     }
     /// Writes the first state.
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure>;

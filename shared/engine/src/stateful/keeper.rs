@@ -3,9 +3,10 @@
 //! Promise: holders that die one after the other soon after they took the role leave the older generations as they were, and so does a role that is
 //! held still: there is a state from before the trouble as long as it lasts.
 
+use crate::helpers::Helper;
 use crate::life::{Failure, Life};
 use hyst_exchange::checkpoint::CheckpointWriter;
-use hyst_exchange::{Roster, Subscriber, system};
+use hyst_exchange::{Roster, Rounds, Subscriber, system};
 use hyst_messages::Message;
 use hyst_messages::mischief::Thread;
 use hyst_messages::stream::kind_of;
@@ -21,7 +22,15 @@ const TRIAL: u32 = 20;
 /// Ends the keeper's thread when dropped.
 pub struct Keeper {
     stop: Arc<AtomicBool>,
+    rounds: Rounds,
     handle: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Keeper {
+    /// The keeper as its engine watches it.
+    pub fn helper(&self) -> Helper {
+        Helper::new(Thread::Keeper, self.rounds.clone())
+    }
 }
 
 impl Drop for Keeper {
@@ -38,12 +47,15 @@ pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Fai
     let writer = CheckpointWriter::open(&life.station, life.slot, bytes)?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
+    let rounds = Rounds::default();
+    let passed = rounds.clone();
     let (clock, roster) = (life.station.open()?, Roster::open(&life.station)?);
     let (role, incarnation) = (life.slot.role(), life.incarnation);
     let (mut kept, stalls) = (0, life.staller(Thread::Keeper)?);
     let body = move || {
         while !stopped.load(Ordering::Acquire) {
             system::sleep_ns(INTERVAL_NS);
+            passed.pass();
             stalls(&stopped);
             let Ok(Some(held)) = stream.newest() else { continue };
             if clock.is_held(role) {
@@ -65,5 +77,5 @@ pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Fai
         }
     };
     let handle = std::thread::Builder::new().name("keeper".into()).spawn(body)?;
-    Ok(Keeper { stop, handle: Some(handle) })
+    Ok(Keeper { stop, rounds, handle: Some(handle) })
 }

@@ -22,6 +22,7 @@ impl<S: Stateful> Loop<'_, S> {
 
     /// At each look between two steps.
     fn between(&mut self) -> Result<(), Failure> {
+        self.helpers.look(self.life);
         self.receive_ports();
         // A reader that came since gets the newest state although nobody steps: it may be what the tick waits for.
         let _ = self.publisher.announce(); // a link that fails here fails for newcomers alone
@@ -56,6 +57,7 @@ impl<S: Stateful> Loop<'_, S> {
     fn tick_in_lockstep(&mut self, tick: u64) -> Result<(), Failure> {
         let deadline_ns = system::now_ns() + PATIENCE_NS;
         loop {
+            self.helpers.look(self.life);
             self.receive_ports();
             self.receive_states();
             let (_, newest_tick) = self.chain.key();

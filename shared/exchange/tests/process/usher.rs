@@ -2,8 +2,9 @@
 
 use crate::support::*;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
-use hyst_exchange::{Links, OwnedPage, Station, Subscriber};
-use hyst_messages::page::header;
+use hyst_exchange::{Links, OwnedPage, Station, Subscriber, system};
+use hyst_messages::mischief::{Mischief, Request, Thread};
+use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Kind, Role, Slot};
 
 const KIND: Kind = Kind::TissueState;
@@ -126,5 +127,33 @@ fn one_that_stands_in_its_start_up_holds_up_nobody_and_arrives_when_it_goes_on()
         partner.go_on();
         partner.expect("open");
         assert_eq!(stream_of(house.next()).incarnation(), 3);
+    });
+}
+
+/// By that its engine finds one that stands still, with nobody to meet.
+#[test]
+fn an_usher_gets_on_again_and_again_unless_it_stands_still() {
+    isolated(an_usher_gets_on_again_and_again_unless_it_stands_still, |station| {
+        let house = house(station);
+        let (mine, rounds) = (slot(Role::Recorder), house.inbox.rounds());
+        let own = station.create_slot(mine, ME).unwrap();
+        announce(&house.keeper, mine, ME);
+        let gets_on = || {
+            let before = rounds.count();
+            until(|| (rounds.count() > before + 2).then_some(()));
+        };
+        gets_on();
+        house.keeper.store32(layout::TEST_MODE, 1);
+        let request = Request { thread: Thread::Usher, ..Request::of(Mischief::Block, ME) };
+        let [what, _, thread] = request.words();
+        house.keeper.store64(layout::MISCHIEF_EXTENT + mine.number(), thread);
+        house.keeper.store64(layout::MISCHIEF + mine.number(), what);
+        house.keeper.bump_and_wake(layout::CHANGES);
+        until(|| (own.load64(header::MISCHIEF) > 0).then_some(()));
+        let stood = rounds.count();
+        system::sleep_ns(50_000_000); // in which it would get on at least twice
+        assert_eq!(rounds.count(), stood);
+        house.keeper.store64(layout::MISCHIEF + mine.number(), 0);
+        gets_on();
     });
 }

@@ -45,7 +45,7 @@ pub const FROZEN: usize = 18;
 /// Steps in which the owner did wrong because it was asked to, in test mode.
 pub const MISCHIEF: usize = 19;
 /// Incarnations that the owner distrusts: entries of three words: `why << 32 | incarnation` (a [`super::device::Distrust`]), since when, and
-/// when last, ns.
+/// when last, ns. One that names the owner itself says which thread that helps it stands still ([`crate::mischief::Thread::standstill`]).
 pub const DISTRUSTED: usize = 20;
 /// Words of an entry of [`DISTRUSTED`].
 pub const DISTRUSTED_ENTRY_WORDS: usize = 3;

@@ -1,0 +1,35 @@
+//! Rounds: how often a thread that helps an engine has got on with its work, so that its engine sees whether it stands still. Such a thread comes round by
+//! itself, whether there is something to do or not.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The rounds of one thread. Clones count the same ones; they order nothing else between the threads.
+#[derive(Clone, Debug, Default)]
+pub struct Rounds(Arc<AtomicU64>);
+
+impl Rounds {
+    /// The thread has got on.
+    pub fn pass(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// How often it has: one load, which a real-time thread may make.
+    pub fn count(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clones_count_the_same_rounds() {
+        let (rounds, other) = (Rounds::default(), Rounds::default());
+        let same = rounds.clone();
+        rounds.pass();
+        same.pass();
+        assert_eq!([&rounds, &same, &other].map(Rounds::count), [2, 2, 0]);
+    }
+}
