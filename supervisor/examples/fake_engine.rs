@@ -1,10 +1,11 @@
 //! An engine that does nothing but what every engine must: it opens its page, becomes live, beats, and stops when asked. The tests of
 //! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
 //! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
-//! takes more memory in each step, `files ROLE` opens more files.
+//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot.
 
 use hyst_engine::life::{DESCRIBE, Description};
 use hyst_exchange::{Roster, Station, system};
+use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
 
@@ -30,7 +31,8 @@ fn main() {
     if ordered("die") {
         std::process::exit(1);
     }
-    live(&station, slot, incarnation, Vices { doomed: ordered("doomed"), leaks: ordered("leak"), opens: ordered("files") });
+    let [doomed, leaks, opens, stands] = ["doomed", "leak", "files", "stands"].map(ordered);
+    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands });
 }
 
 /// What it does wrong.
@@ -38,6 +40,7 @@ struct Vices {
     doomed: bool,
     leaks: bool,
     opens: bool,
+    stands: bool,
 }
 
 /// Memory that a leak takes in each step, bytes.
@@ -96,6 +99,11 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
                 page.set_state(if holds { ProcessState::Live } else { ProcessState::Warm });
                 if vices.doomed && holds && !known.is_held(slot.role()) {
                     std::process::exit(101);
+                }
+                // Not before it is known who holds the role.
+                if vices.stands && holds && slot.index() == 0 && page.load64(header::STEPS) > 500 {
+                    page.store64(header::distrusted(0) + 2, now_ns);
+                    page.store64(header::distrusted(0), Thread::Keeper.standstill() << 32 | u64::from(incarnation));
                 }
             }
             _ => {}

@@ -7,7 +7,7 @@
 pub mod compare;
 
 use crate::corrupt::{Flip, Remains};
-use crate::faultfile::Output;
+use crate::faultfile::{Helper, Output};
 use crate::ledger::{Ledger, SETTLING_TICKS, Tick, Window};
 use crate::shortage::Lowered;
 use compare::{excess, tells};
@@ -70,7 +70,7 @@ pub struct Fault {
     /// The process died, hung, was continued, or did wrong as it was asked to; of what is done to it from outside, bytes that were flipped and files that
     /// it cannot open any more: that it was done, whoever noticed.
     pub manifested: bool,
-    /// `latch`, `pidfd`, `heartbeat`, `guardian`, or the process that refused its output or did its work.
+    /// `latch`, `pidfd`, `heartbeat`, `guardian`, `growth`, the thread that stood still (`usher` …), or the process that refused its output or did its work.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,
@@ -85,6 +85,9 @@ pub struct Fault {
     /// It was a lie by this output alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Output>,
+    /// It was done to this thread alone, which helps the engine.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thread: Option<Helper>,
     /// The fault's window.
     pub window: Option<Window>,
     /// Its control.

@@ -197,11 +197,12 @@ impl Faults {
         self.open.faults.iter_mut().filter(of_slot).find(hinders)
     }
 
-    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies: who is late is not known to lie. Of others it
-    /// is said once they are guilty.
+    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies or goes on without a helper: who is late is not
+    /// known for that. Of others it is said once they are guilty.
     pub fn suspected(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         self.suspects.insert((slot.number(), incarnation), at_ns);
-        let is_found = |fault: &&mut Fault| fault.detected_us.is_none() && !mischief::is_lie(&fault.kind);
+        let is_found =
+            |fault: &&mut Fault| fault.detected_us.is_none() && fault.thread.is_none() && !mischief::is_lie(&fault.kind);
         if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
             fault.detected_by = "heartbeat".into();
@@ -227,7 +228,8 @@ impl Faults {
         }
         let suspected_ns = self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
-            let seen_ns = suspected_ns.filter(|_| !mischief::is_lie(&fault.kind)).unwrap_or(at_ns);
+            let is_silent = fault.thread.is_none() && !mischief::is_lie(&fault.kind);
+            let seen_ns = suspected_ns.filter(|_| is_silent).unwrap_or(at_ns);
             fault.manifested = true;
             // It does not end by itself any more: a successor ends it.
             fault.asked = fault.asked.map(|(_, done)| (0, done));

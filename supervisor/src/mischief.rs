@@ -80,6 +80,20 @@ pub fn done(viewer: &mut Viewer, slot: Slot) -> u64 {
 
 /// All that the living say of others.
 pub fn charges(viewer: &mut Viewer) -> Vec<Charge> {
+    let mut all = entries(viewer);
+    all.retain(|charge| Thread::of_standstill(charge.why).is_none());
+    all
+}
+
+/// Those that say of themselves that a thread that helps them stands still, and which.
+pub fn standstills(viewer: &mut Viewer) -> Vec<(Charge, Thread)> {
+    let mut all = entries(viewer);
+    all.retain(|charge| viewer.page().incarnation(charge.by) == charge.incarnation);
+    all.into_iter().filter_map(|charge| Some((charge, Thread::of_standstill(charge.why)?))).collect()
+}
+
+/// All that the living say of others and of themselves.
+fn entries(viewer: &mut Viewer) -> Vec<Charge> {
     let mut all = Vec::new();
     for by in (0..SLOTS).filter_map(Slot::from_number) {
         if viewer.page().pid(by) != 0 && !viewer.page().is_dead(by) {

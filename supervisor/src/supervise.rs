@@ -111,7 +111,7 @@ struct Supervisor {
     answered_ns: u64,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
-    /// Lives of the hardware of which the operator was told that they say what cannot be.
+    /// Incarnations of which the operator was told once: a hardware's that says what cannot be, one with a helper that stands still.
     doubted: BTreeSet<u32>,
     /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
     standing: BTreeMap<u32, (u64, u64)>,

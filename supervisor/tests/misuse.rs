@@ -214,6 +214,26 @@ fn an_engine_that_leaks_hands_over_and_is_replaced_before_the_system_kills_it() 
     assert!(found.iter().filter(|by| **by == "growth").count() >= 2, "{found:?}");
 }
 
+/// Nobody found it: its checkpoints grew old, and both of a role that died then went on from an older state.
+#[test]
+fn an_engine_of_which_a_helper_stands_still_hands_over_and_is_replaced() {
+    let place = Place::new("stands");
+    std::fs::write(place.folder.join("fake"), "stands tissue\n").unwrap();
+    let child = place.start(&["--report", place.report().to_str().unwrap()]);
+    wait_said(&place, "is replaced: its keeper stands still");
+    wait_said(&place, "tissue is handed over");
+    place.wait("the spare has the role, and another is its spare", |rows| {
+        let is = |name: &str, wanted: &str| rows.iter().any(|(known, _, state)| known == name && state == wanted);
+        is("tissue:1", "live") && is("tissue:0", "spare")
+    });
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+    let report = report_of(&place);
+    let of_it = report["faults"].as_array().unwrap().iter().filter(|fault| fault["detected_by"] == "keeper");
+    let of_it: Vec<_> = of_it.map(|fault| (fault["kind"].as_str(), fault["target"].as_str())).collect();
+    assert_eq!(of_it, [(Some("external"), Some("tissue:0"))], "once: {:#}", report["faults"]);
+}
+
 #[test]
 fn systemd_is_told_when_the_station_is_ready_that_it_lives_and_that_it_stops() {
     let place = Place::new("notify");

@@ -105,6 +105,45 @@ fn an_engine_that_gets_no_memory_aborts_and_is_replaced() {
     }
 }
 
+/// Has a thread that helps a process stand still; gives the process's slot when it has been replaced.
+fn replaced_for(station: &Station, thread: &str, target: &str) -> (String, String) {
+    (thread.into(), replaced(station, "block", target, &format!("--thread {thread}")))
+}
+
+/// Nobody found it: without its usher an engine met no newcomer any more, and the next death of whom it reads was one too many for it; without its keeper
+/// its checkpoints grew old.
+#[test]
+fn a_thread_that_helps_an_engine_and_stands_still_is_found_and_the_engine_hands_over_and_is_replaced() {
+    let station = Station::start("helpers", &["--hand", "script:press", "--test-mode"]);
+    // One that goes on in time costs nobody his place.
+    let (slot, pid) = station.victim("tissue:spare");
+    station.inject(&format!("block {slot} --thread clerk --for 1s"));
+    let cases = [("usher", "fluid:active"), ("keeper", "tissue:active"), ("drain", "haptic:active"), ("usher", "device")];
+    let first = replaced_for(&station, cases[0].0, cases[0].1);
+    assert!(station.has_process(pid), "{}", station.said());
+    let rest = cases[1..].iter().map(|(thread, target)| replaced_for(&station, thread, target));
+    let all: Vec<(String, String)> = std::iter::once(first).chain(rest).collect();
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+    let faults = ended.faults("block");
+    for (thread, slot) in &all {
+        let is_it = |fault: &&&Value| fault["thread"] == thread.as_str() && fault["target"] == slot.as_str();
+        let fault = faults.iter().find(is_it).unwrap_or_else(|| panic!("no {thread} of {slot}\n{}", ended.said));
+        assert_eq!(fault["detected_by"], thread.as_str(), "{fault:#}\n{}", ended.said);
+        assert!(fault["manifested"] == true && fault["recovered_us"].is_number(), "{fault:#}");
+        assert!(fault["detected_us"].as_f64() >= Some(4.9e6), "its engine's own time is no shorter than the clock's: {fault:#}");
+        let is_reason = |line: &str| line.contains(slot.as_str()) && line.contains(&format!("its {thread} stands still"));
+        assert!(ended.said.lines().any(is_reason), "{thread} {slot}\n{}", ended.said);
+    }
+    for role in ["fluid", "tissue"] {
+        assert!(ended.said.contains(&format!("{role} is handed over")), "{role}\n{}", ended.said);
+    }
+    let short = faults.iter().find(|fault| fault["thread"] == "clerk").expect("the one that goes on");
+    assert!(short["manifested"] == true && short["recovered_us"].is_number() && short["exit"] == "", "{short:#}");
+    assert!(ended.died_unasked().is_empty(), "{}", ended.said);
+}
+
 /// Whoever can open nothing meets a newcomer as soon as he can again.
 #[test]
 fn engines_without_files_meet_a_newcomer_once_they_have_some_again() {

@@ -151,8 +151,9 @@ fn period_ticks(role: Role) -> u64 {
 fn room_ticks(cell: &Cell) -> u64 {
     let is_slow = !matches!(cell.role(), "device" | "haptic" | "tissue" | "collision-worker");
     match (is_slow, cell.injection.kind.name()) {
-        // Growth is found after some seconds, a start that hangs after many, and the control window is as long as that.
+        // Growth and a helper that stands still are found after some seconds, a start that hangs after many, and the control window is as long as that.
         (_, "leak-memory" | "leak-files") => 6_000,
+        (_, "block") if cell.injection.thread.is_some() => 6_000,
         (_, "hang-start") => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
         (_, "slow" | "no-files") => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
         (true, _) => 300,

@@ -93,7 +93,8 @@ impl FaultKind {
         (
             FaultKind::Block,
             "block",
-            "the thread of its steps waits; its heartbeat stands still. Or its --thread, which has none: usher, drain, keeper, clerk",
+            "the thread of its steps waits; its heartbeat stands still. Or a --thread that helps it (usher, drain, keeper, clerk): found by the engine \
+             itself after 5 s, handed over and replaced",
         ),
         (
             FaultKind::Slow,

@@ -1,4 +1,4 @@
-//! Which thread of an engine is blocked: that of its steps, or one that helps it and has no heartbeat.
+//! Which thread of an engine is blocked: that of its steps, or one that helps it, which that one watches.
 
 use super::Injection;
 use hyst_messages::Role;

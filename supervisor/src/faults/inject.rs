@@ -128,7 +128,7 @@ impl Faults {
         journal::say(&self.station, &line);
         let fault = self.start(kind.name(), slot, incarnation, now_ns);
         fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
-        fault.output = injection.output;
+        (fault.output, fault.thread) = (injection.output, injection.thread);
         fault.lowered = deed.lowered;
         fault.ballast = deed.ballast.zip(deed.until_ns);
         (fault.manifested, fault.flips) = (deed.manifested, deed.flips);

@@ -77,10 +77,11 @@ impl Faults {
             if present {
                 note_done(fault, mischief::done(viewer, slot));
             }
-            // What leaks is found by its growth; that somebody was late once in those seconds is noise.
+            // What leaks is found by its growth, and a helper by its own process; that somebody was late once in those seconds is noise.
             let leaks = [FaultKind::LeakMemory, FaultKind::LeakFiles].iter().any(|kind| fault.kind == kind.name());
             if fault.detected_us.is_none()
                 && !leaks
+                && fault.thread.is_none()
                 && let Some((at_ns, by)) = mischief::first_after(&charges, &fault.kind, fault.incarnation, fault.injected_ns)
             {
                 (fault.detected_by, fault.detected_us) = (by.to_string(), Some(us(at_ns, fault.injected_ns)));
@@ -138,8 +139,49 @@ fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faultfile::Helper;
     use crate::faults::tests::book;
+    use hyst_exchange::OwnedPage;
+    use hyst_messages::mischief::{Distrust, Thread};
     use hyst_messages::page::station as layout;
+
+    /// That somebody is late in the seconds until it is found tells nobody of it.
+    #[test]
+    fn a_helper_that_stands_still_is_found_by_what_its_own_process_says() {
+        let (station, mut faults) = book("helper");
+        let page = station.open_for_keeping().unwrap();
+        let begin = |slot: Slot, incarnation: u32| {
+            let own = station.create_slot(slot, incarnation).unwrap();
+            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
+            page.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+            own
+        };
+        let [tissue, fluid] = [Role::Tissue, Role::Fluid].map(Slot::first);
+        let (own, other) = (begin(tissue, 7), begin(fluid, 8));
+        let mut viewer = Viewer::open(&station).unwrap();
+        let fault = faults.start("block", tissue, 7, 1_000);
+        (fault.asked, fault.thread) = (Some((0, 0)), Some(Helper::Keeper));
+        let say = |by: &OwnedPage, why: u64, of: u64| {
+            let at = header::distrusted(0);
+            by.store64(at + 1, 2_000);
+            by.store64(at + 2, 2_000);
+            by.store64(at, why << 32 | of);
+        };
+        let found = |faults: &Faults| faults.all().map(|fault| fault.detected_by.clone()).collect::<Vec<_>>();
+        say(&other, Distrust::Missing as u64, 7);
+        say(&own, Thread::Keeper.standstill(), 6);
+        assert_eq!(mischief::standstills(&mut viewer).len(), 0, "of another life");
+        say(&own, Thread::Keeper.standstill(), 7);
+        faults.look_at_the_asked(3_000, &mut viewer);
+        faults.suspected(tissue, 7, 3_000);
+        assert_eq!(found(&faults), [""]);
+        assert!(mischief::charges(&mut viewer).iter().all(|charge| charge.by == fluid), "it is no charge");
+        let said: Vec<_> = mischief::standstills(&mut viewer).iter().map(|(charge, thread)| (charge.by, *thread)).collect();
+        assert_eq!(said, [(tissue, Thread::Keeper)]);
+        faults.late(tissue, 7, 5_000, 5_000, Thread::Keeper.name());
+        assert_eq!(found(&faults), ["keeper"]);
+        assert!(faults.all().all(|fault| fault.detected_us == Some(4.0)), "when it said so");
+    }
 
     #[test]
     fn what_one_did_as_it_was_asked_to_is_read_once_more_as_it_goes() {

@@ -26,7 +26,7 @@ pub enum Cause {
     NotCompared,
     /// It took the role before it might.
     Unasked,
-    /// It grows, or who reads it dies again and again.
+    /// It grows, a thread that helps it stands still, or who reads it dies again and again.
     Unfit,
     /// The supervisor died meanwhile.
     Interrupted,

@@ -1,5 +1,6 @@
 //! Engines that beat and whose output is wrong: whoever reads it refuses it and says so in its page, and the supervisor replaces them as soon as
-//! somebody else does their work. So does it with one whose own page says what cannot be.
+//! somebody else does their work. So does it with one whose own page says what cannot be, and with one that says itself that a thread that helps it stands
+//! still.
 
 use super::Supervisor;
 use crate::journal;
@@ -22,6 +23,7 @@ impl Supervisor {
     /// Replaces those whose output is refused (not finite, out of range, for another input, frozen, without progress). One that only differs or
     /// is late is not killed: two servos that lost different ticks to a stall differ in the last bits, and the host stalls everybody now and then.
     pub(super) fn heed(&mut self, now_ns: u64) {
+        self.heed_helpers(now_ns);
         // In the order of the slots: whoever stands nearer to the hand is heard first, and who is replaced is not heard any more, because one that
         // lies about its own state makes honest ones look wrong.
         for charge in mischief::charges(&mut self.viewer) {
@@ -58,6 +60,23 @@ impl Supervisor {
             let incarnation = charge.incarnation;
             self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
             self.end_guilty(slot, incarnation, now_ns);
+        }
+    }
+
+    /// Replaces those whose helpers stand still, as it does those who grow: what they make is as good as ever, so that there is time to hand a role over.
+    fn heed_helpers(&mut self, now_ns: u64) {
+        for (charge, thread) in mischief::standstills(&mut self.viewer) {
+            let (slot, incarnation) = (charge.by, charge.incarnation);
+            let is_over = now_ns.saturating_sub(charge.last_ns) > FORGOTTEN_NS;
+            if is_over || slot.role() == Role::Hardware || !self.doubted.insert(incarnation) {
+                continue;
+            }
+            let text = format!("{slot} (incarnation {incarnation}) is replaced: its {} stands still", thread.name());
+            journal::say(&self.station, &text);
+            self.faults.late(slot, incarnation, now_ns, now_ns, thread.name());
+            let unfit = Event::Unfit { slot, incarnation, reason: "a thread that helps it stands still" };
+            let actions = policy::step(now_ns, unfit, &mut self.policy);
+            self.act(actions);
         }
     }
 
