@@ -80,7 +80,7 @@ pub fn threads(process: u32) -> Vec<i32> {
         .collect()
 }
 
-/// The kernel's files about a process's first thread, kept open, so that asking costs two reads.
+/// The kernel's files about a thread of a process, mostly its first one, kept open, so that asking costs two reads.
 #[derive(Debug)]
 pub struct ThreadFiles {
     process: u32,
@@ -91,9 +91,12 @@ pub struct ThreadFiles {
 impl ThreadFiles {
     /// Opens the files; `None` if the process is gone.
     pub fn open(process: u32) -> Option<ThreadFiles> {
-        let folder = format!("/proc/{process}/task/{process}");
-        let stat = File::open(format!("{folder}/stat")).ok()?;
-        Some(ThreadFiles { process, stat, schedstat: File::open(format!("{folder}/schedstat")).ok() })
+        ThreadFiles::of_thread(process, process as i32)
+    }
+    /// The same of any of its threads.
+    pub fn of_thread(process: u32, thread: i32) -> Option<ThreadFiles> {
+        let stat = File::open(task(process, thread, "stat")).ok()?;
+        Some(ThreadFiles { process, stat, schedstat: File::open(task(process, thread, "schedstat")).ok() })
     }
 
     /// What the process does: as its first thread, unless that sleeps while another of its threads is ready to run or waits for the machine, as
@@ -282,9 +285,7 @@ fn belongs(process: u32, user: u32, name: &str) -> bool {
     if !Path::new(&folder).metadata().is_ok_and(|data| data.uid() == user) {
         return false;
     }
-    let Ok(line) = std::fs::read(format!("{folder}/cmdline")) else {
-        return false;
-    };
+    let Ok(line) = std::fs::read(format!("{folder}/cmdline")) else { return false };
     let arguments: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
     let named = arguments.windows(2).any(|pair| pair[0] == b"--station" && pair[1] == name.as_bytes());
     named && system::process_start(process).is_some()

@@ -111,8 +111,9 @@ struct Supervisor {
     answered_ns: u64,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
-    /// Incarnations of which the operator was told once: a hardware's that says what cannot be, one with a helper that stands still.
+    /// Lives of the hardware of which the operator was told that they say what cannot be.
     doubted: BTreeSet<u32>,
+    helpers: distrust::Standing,
     /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
     standing: BTreeMap<u32, (u64, u64)>,
     /// Incarnations that were ready and whose pages did not say so at the last look.
@@ -183,6 +184,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         answered_ns: 0,
         heeded: BTreeSet::new(),
         doubted: BTreeSet::new(),
+        helpers: distrust::Standing::default(),
         standing: BTreeMap::new(),
         unsound: BTreeSet::new(),
         trial: None,

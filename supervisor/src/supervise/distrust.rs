@@ -2,6 +2,8 @@
 //! somebody else does their work. So does it with one whose own page says what cannot be, and with one that says itself that a thread that helps it stands
 //! still.
 
+mod helpers;
+
 use super::Supervisor;
 use crate::journal;
 use crate::mischief::{self, Charge};
@@ -10,6 +12,8 @@ use hyst_messages::page::ProcessState;
 use hyst_messages::page::device::{self, Distrust};
 use hyst_messages::page::haptic;
 use hyst_messages::{Role, Slot};
+
+pub(super) use helpers::Standing;
 
 /// A servo that only stands still is found by its heartbeat. One that has computed so many steps while its stamp stood still is not to be trusted:
 /// on a busy machine a healthy one beats without a step while it waits to be connected with a new device.
@@ -60,23 +64,6 @@ impl Supervisor {
             let incarnation = charge.incarnation;
             self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
             self.end_guilty(slot, incarnation, now_ns);
-        }
-    }
-
-    /// Replaces those whose helpers stand still, as it does those who grow: what they make is as good as ever, so that there is time to hand a role over.
-    fn heed_helpers(&mut self, now_ns: u64) {
-        for (charge, thread) in mischief::standstills(&mut self.viewer) {
-            let (slot, incarnation) = (charge.by, charge.incarnation);
-            let is_over = now_ns.saturating_sub(charge.last_ns) > FORGOTTEN_NS;
-            if is_over || slot.role() == Role::Hardware || !self.doubted.insert(incarnation) {
-                continue;
-            }
-            let text = format!("{slot} (incarnation {incarnation}) is replaced: its {} stands still", thread.name());
-            journal::say(&self.station, &text);
-            self.faults.late(slot, incarnation, now_ns, now_ns, thread.name());
-            let unfit = Event::Unfit { slot, incarnation, reason: "a thread that helps it stands still" };
-            let actions = policy::step(now_ns, unfit, &mut self.policy);
-            self.act(actions);
         }
     }
 
