@@ -151,6 +151,24 @@ fn no_pressure_that_a_goal_asks_for_is_the_one_that_the_pump_begins_with() {
     assert!(asked >= 2, "{asked} goals ask for a pressure");
 }
 
+/// Forceps leave the polyp on its wall: who has brought the piece out has removed all that is to be removed, not a sixth of it.
+#[test]
+fn of_a_scene_with_jaws_what_lies_free_is_to_be_removed_and_of_any_other_all_pathology() {
+    for (name, seed) in [("retrieval", 1), ("retrieval", 4), ("polyp", 3), ("septum", 2)] {
+        let case = settled(name, Some(seed));
+        let of = |is_asked: fn(&str) -> bool| -> f64 {
+            let asked = case.scene.objects.iter().filter(|object| is_asked(&object.name));
+            asked.map(|object| 1e6 * hyst_mesh::check(&object.mesh).volume_m3).sum()
+        };
+        let asked_ml = if name == "retrieval" { of(|name| name == "piece") } else { of(|name| name != "uterus") };
+        assert!(asked_ml > 0.05 && (case.brief.pathology_ml - asked_ml).abs() < 1e-9, "{name}: {asked_ml} ml");
+        for goal in &case.brief.goals {
+            let Aim::Removed(ml) = goal.is else { continue };
+            assert!(ml > 0.0 && ml < asked_ml, "{name}: {ml} of {asked_ml} ml");
+        }
+    }
+}
+
 /// At 30 mmHg the walls are not as they are at 70.
 #[test]
 fn a_case_that_sets_another_pressure_has_the_walls_of_its_scene() {
