@@ -146,6 +146,7 @@ fn a_loose_piece_is_brought_out_by_who_closes_the_jaws_on_it() {
     let [good, bad] = sessions("retrieval", [("fetch", "10s"), ("misses", "10s")]);
     assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
     assert_eq!((goal(&bad, 0), ended_by(&bad)), ("open", None));
+    assert!(metric(&good, "brought_out").0 > 0.05 && metric(&bad, "brought_out").0 == 0.0, "{good}");
     assert!(metric(&good, "pathology").0 > 99.0 && metric(&bad, "pathology").0 == 0.0, "{} {}", good["case"], bad["case"]);
 }
 
