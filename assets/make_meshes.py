@@ -5,7 +5,7 @@ and a septum in it.
 Promise: the same versions of gmsh and numpy write the same bytes. Every count is a parameter (see `--help`), so that
 finer organs for a benchmark cost one command. Where each dimension comes from stands in SOURCES.md.
 
-Frame: millimetres, origin at the pivot in the cervix, +z along the canal towards the fundus, +y anterior, +x to the patient's left.
+Frame: millimetres, origin at the pivot in the cervix, +z along the canal towards the fundus, +y anterior, +x to the patient's right.
 
     python3 -m venv /tmp/meshing && /tmp/meshing/bin/pip install gmsh==4.15.2 numpy==2.4.*
     /tmp/meshing/bin/python assets/make_meshes.py                   # writes assets/meshes and prints what it made
@@ -31,13 +31,13 @@ SIDE_SLOPE = 0.27       # growth of the cavity's half width per mm above the piv
 DEPTH_SLOPE = 0.045     # growth of the cavity's half depth per mm above the pivot
 CAP_Z, CAP_HEIGHT, CAP_POWER = 44.0, 8.0, 2.4   # where the cavity begins to close, and how: it ends at z = 52
 # --- the polyp ----------------------------------------------------------------------------------------------------------------
-POLYP_ROOT = (8.6, 0.3, 53.2)            # inside the fundal wall, on the patient's left
+POLYP_ROOT = (8.6, 0.3, 53.2)            # inside the fundal wall, on the patient's right
 POLYP_AXIS = (-0.10, -0.03, -1.0)        # hangs towards the internal os
 POLYP_STALK_RADIUS, POLYP_LENGTH = 1.9, 13.6
 POLYP_HEAD_CENTRE, POLYP_HEAD_HALF_LENGTH = 8.9, 4.7
 POLYP_HEAD_RADII = (3.9, 3.4)            # flattened as the cavity is
 # --- the myoma: submucous, more than half of it in the cavity ----------------------------------------------------------------
-MYOMA_CENTRE = (-6.0, 4.2, 38.0)         # in the anterior wall, on the patient's right
+MYOMA_CENTRE = (-6.0, 4.2, 38.0)         # in the anterior wall, on the patient's left
 MYOMA_RADIUS = 6.0
 # --- the septum: a wedge in the midline that hangs from the fundus and joins the anterior to the posterior wall -----------------
 SEPTUM_TIP_Z, SEPTUM_ROOT_Z = 34.0, 55.5  # 18 mm into a cavity that ends at z = 52, and 3.5 mm in the wall of the fundus

@@ -19,7 +19,7 @@
  *         return hyst_end(&driver);                            // and let the motors go
  *     }
  *
- * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's left, which is on
+ * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's right, which is on
  * the picture's left. Where a scene has its pivot elsewhere hyst_give adds that.
  * A force is what the hand is to feel at the tip, N, in that frame. One thread calls these functions.
  */

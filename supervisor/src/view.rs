@@ -223,7 +223,8 @@ impl Viewer {
         let (recorder, file) = (Slot::first(Role::Recorder), self.record.clone()?);
         let newest_tick = recording::newest_tick(self.slot_page(Slot::first(Role::Device)));
         let has_recorder = self.page.incarnation(recorder) != 0;
-        has_recorder.then(|| RecordingView::of(&file, self.slot_page(recorder), newest_tick))
+        let free_bytes = recording::free_bytes(&self.station);
+        has_recorder.then(|| RecordingView::of(&file, self.slot_page(recorder), newest_tick).with_room(free_bytes))
     }
 
     fn process(&mut self, slot: Slot) -> ProcessView {

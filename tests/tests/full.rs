@@ -85,6 +85,9 @@ fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
     assert_eq!((&report["recording"]["lost"], report["recording"]["stands_still"].is_null()), (&0.into(), true), "{said}");
     let recording = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
     assert!(recording.content.lost.is_empty(), "{:?}", recording.content.lost);
+    let room = &report["recording"];
+    assert!(room["free_bytes"].as_u64().is_some_and(|bytes| bytes <= 64 << 20), "of its disk, and no other: {room}");
+    assert!(room["lasts_s"].as_f64().is_some_and(|time_s| time_s < 3_600.0), "{room}");
     let log = recording.applied().len();
     assert!(log > 8_000, "{log} ticks");
 }

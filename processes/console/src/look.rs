@@ -58,6 +58,10 @@ pub struct Recording {
     pub behind_ticks: u64,
     /// Why nothing is written; none while it goes on.
     pub stands_still: Option<String>,
+    /// Bytes that its disk has left, where that is known.
+    pub free_bytes: Option<u64>,
+    /// How long they last at the recording's rate, s.
+    pub lasts_s: Option<f64>,
 }
 
 /// What the supervisor says of the station.
@@ -237,7 +241,8 @@ mod tests {
             "station": "a", "tick": 7, "state": "running", "test_mode": true, "held": ["tissue"], "more": [1],
             "processes": [{ "name": "haptic:1", "pid": 9, "state": "live", "rate_hz": 999.5, "age_ms": null, "registered": {} },
                           { "name": "<script>" }, { "name": "haptic:9" }],
-            "recording": { "file": "/a.mcap", "ticks": 9, "lost": 2, "bytes": 70, "behind_ticks": 5, "stands_still": "no room" },
+            "recording": { "file": "/a.mcap", "ticks": 9, "lost": 2, "bytes": 70, "behind_ticks": 5, "stands_still": "no room",
+                           "free_bytes": 9_000, "lasts_s": 4.5 },
         });
         let status = Status::read(value).unwrap();
         assert_eq!((status.tick, status.held.len(), status.processes.len()), (7, 1, 1));
@@ -245,6 +250,7 @@ mod tests {
         let recording = status.recording.unwrap();
         assert_eq!((recording.ticks, recording.lost, recording.bytes, recording.behind_ticks), (9, 2, 70, 5));
         assert_eq!((recording.file.as_str(), recording.stands_still.as_deref()), ("/a.mcap", Some("no room")));
+        assert_eq!((recording.free_bytes, recording.lasts_s), (Some(9_000), Some(4.5)));
         assert_eq!(Status::read(json!({ "tick": 7 })).unwrap().recording, None, "it records nothing");
         assert!(Status::read(json!({ "tick": "seven" })).is_err() && Status::read(json!(null)).is_err());
     }

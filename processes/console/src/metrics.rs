@@ -165,6 +165,12 @@ fn recording(look: &Look, registry: &mut Registry) {
     figure(registry, "recorder_behind_ticks", "Ticks made since the newest on disk", recording.behind_ticks as f64);
     figure(registry, "recorder_ticks", "Ticks on disk", recording.ticks as f64);
     figure(registry, "recorder_bytes", "Bytes on disk", recording.bytes as f64);
+    if let Some(bytes) = recording.free_bytes {
+        figure(registry, "recorder_free_bytes", "Bytes that the disk of the recording has left", bytes as f64);
+    }
+    if let Some(time_s) = recording.lasts_s {
+        figure(registry, "recorder_room_seconds", "How long they last at the rate of the recording", time_s);
+    }
 }
 
 #[cfg(test)]
@@ -260,7 +266,8 @@ mod tests {
     #[test]
     fn a_recording_that_stands_still_has_what_it_holds_and_what_is_lost() {
         let stands_still = Some("no room".to_string());
-        let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..Recording::default() };
+        let room = Recording { free_bytes: Some(9_000), lasts_s: Some(4.5), ..Recording::default() };
+        let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..room };
         let status = |recording| Status { recording: Some(recording), ..Status::default() };
         let text_of = |recording| text(&Look { status: status(recording), ..Look::default() });
         let text = text_of(recording);
@@ -270,12 +277,16 @@ mod tests {
             "hystation_recorder_behind_ticks 334.0",
             "hystation_recorder_ticks 900.0",
             "hystation_recorder_bytes 5000.0",
+            "hystation_recorder_free_bytes 9000.0",
+            "hystation_recorder_room_seconds 4.5",
             "# UNIT hystation_recorder_lost_ticks ticks",
             "# UNIT hystation_recorder_bytes bytes",
+            "# UNIT hystation_recorder_room_seconds seconds",
         ] {
             assert!(text.lines().any(|found| found == line), "{line}\n{text}");
         }
-        assert!(text_of(Recording::default()).contains("hystation_recorder_stands_still 0.0\n"));
+        let unknown = text_of(Recording::default());
+        assert!(unknown.contains("hystation_recorder_stands_still 0.0\n") && !unknown.contains("recorder_free"), "{unknown}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod gather;
 mod keeper;
 mod kept;
 mod moments;
+mod room;
 mod said;
 mod scribe;
 mod session;

@@ -6,6 +6,7 @@ use crate::gather::Gather;
 use crate::keeper::{Keeper, while_alive};
 use crate::kept::{Kept, MOST_BYTES};
 use crate::moments::Mark;
+use crate::room::Room;
 use crate::said::Said;
 use crate::statistics::Statistics;
 use crate::watch::Look;
@@ -29,6 +30,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let Some(mut keeper) = Keeper::open(life, path, &facts(life)?)? else {
         return Ok(());
     };
+    let _room = Room::watch(&life.station, path);
     let mut gather = Gather::new(life, keeper.goes_on_after())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
     // A predecessor that died has begun with it, or not, or with a part of it. Where nothing of it is there nobody looks through the file: it may be long, and

@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 struct Still {
     name: &'static str,
     insertion_m: f32,
-    /// up, to the patient's left, about the axis
+    /// up, to the patient's right, about the axis
     turn_rad: [f32; 3],
     camera: Camera,
 }

@@ -1,6 +1,6 @@
 //! Where the picture is taken from: the endoscope's lens at the scope's tip, or an eye outside for developers.
 //!
-//! Frame: the station's (metres, +z into the uterus, +y anterior, +x to the patient's left). The scope's pose is its tip and a unit
+//! Frame: the station's (metres, +z into the uterus, +y anterior, +x to the patient's right). The scope's pose is its tip and a unit
 //! quaternion whose +z is the axis. A fore-oblique optic looks along the axis turned by its angle towards the scope's +y. The lens is a
 //! radial polynomial of degree 4 in the picture's radius, r (1 + k1 r² + k2 r⁴) / (1 + k1 + k2); with the defaults the rim is drawn,
 //! along the radius, at 52 % of the centre's size, as measured for rigid endoscopes.
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn anterior_is_up_and_the_patients_left_is_on_the_pictures_left() {
+    fn anterior_is_up_and_the_patients_right_is_on_the_pictures_left() {
         let scope = Endoscope { oblique_rad: 0.0, ..Endoscope::default() };
         let eye = scope.eye();
         assert!(projected(&eye, Vec3::new(0.0, 0.004, 0.02)).y > 0.1);

@@ -9,7 +9,7 @@ use hyst_messages::controls::{
 use winit::{event::MouseButton, keyboard::KeyCode};
 
 /// What the hand did since the last pump, as the surgeon sees it. In the station's frame a view that goes up is a negative rotation about
-/// +x, and one that goes right a negative rotation about +y (+x, the patient's left, is on the picture's left).
+/// +x, and one that goes right a negative rotation about +y (+x, the patient's right, is on the picture's left).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PointerInput {
     /// the view goes up, rad

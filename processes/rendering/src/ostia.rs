@@ -1,4 +1,5 @@
-//! Where the mouths of the tubes lie: the cavity's ends to the left and right, by which a surgeon knows where he is. An organ's mesh does not say it; its shape does.
+//! Where the mouths of the tubes lie: the cavity's ends to the right and left, by which a surgeon knows where he is. An organ's mesh does not say it; its
+//! shape does.
 
 use glam::Vec3;
 
@@ -7,9 +8,9 @@ pub const MOUTH_RADIUS_M: f32 = 0.000_8;
 /// What is nearer to the middle than that is no horn, m.
 const LEAST_ASIDE_M: f32 = 0.004;
 
-/// The mouths of an organ's tubes, rest positions in m with the radius as fourth number, left and right; none, with zero as radius, where the surface has no
-/// cavity that is open to both sides. `rest_m` are places in the frame of the scene (+z towards the fundus, +x to the patient's left), triangles counter-clockwise
-/// seen from outside the tissue; a triangle with a vertex that is not there is left out. So is one with a vertex on a wound, for
+/// The mouths of an organ's tubes, rest positions in m with the radius as fourth number, right and left; none, with zero as radius, where the surface has
+/// no cavity that is open to both sides. `rest_m` are places in the frame of the scene (+z towards the fundus, +x to the patient's right), triangles
+/// counter-clockwise seen from outside the tissue; a triangle with a vertex that is not there is left out. So is one with a vertex on a wound, for
 /// which `raw` has another number than 0: the ground of a wound may lie deeper than the horn, and is none.
 pub fn ostia(rest_m: &[[f32; 3]], raw: &[u32], triangles: &[[u32; 3]]) -> [[f32; 4]; 2] {
     let is_wound = |vertex: usize| raw.get(vertex).is_some_and(|raw| *raw != 0);
@@ -35,7 +36,7 @@ pub fn ostia(rest_m: &[[f32; 3]], raw: &[u32], triangles: &[[u32; 3]]) -> [[f32;
             .max_by(|a, b| reach(*a).total_cmp(&reach(*b)))
     };
     match [1.0, -1.0].map(farthest) {
-        [Some(left), Some(right)] => [left, right].map(|at| at.extend(MOUTH_RADIUS_M).to_array()),
+        [Some(right), Some(left)] => [right, left].map(|at| at.extend(MOUTH_RADIUS_M).to_array()),
         _ => [[0.0; 4]; 2],
     }
 }
@@ -76,10 +77,10 @@ mod tests {
     #[test]
     fn the_mouths_are_the_ends_of_the_cavity_and_not_of_the_organ() {
         let (rest_m, triangles) = organ();
-        let [left, right] = ostia(&rest_m, &[], &triangles);
-        assert!((left[0] - 0.013).abs() < 1e-6 && (right[0] + 0.013).abs() < 1e-6, "{left:?} {right:?}");
-        assert_eq!([left[3], right[3]], [MOUTH_RADIUS_M; 2]);
-        assert!(left[2] > 0.04, "above: {left:?}");
+        let [right, left] = ostia(&rest_m, &[], &triangles);
+        assert!((right[0] - 0.013).abs() < 1e-6 && (left[0] + 0.013).abs() < 1e-6, "{right:?} {left:?}");
+        assert_eq!([right[3], left[3]], [MOUTH_RADIUS_M; 2]);
+        assert!(right[2] > 0.04, "above: {right:?}");
     }
 
     #[test]

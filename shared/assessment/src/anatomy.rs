@@ -24,7 +24,7 @@ pub(crate) struct Drawn {
 impl Anatomy {
     /// Of a scene.
     pub fn of(scene: &LoadedScene) -> Anatomy {
-        Anatomy { sides: [Side::Right, Side::Front].map(|side| drawn(scene, side)) }
+        Anatomy { sides: [Side::Left, Side::Front].map(|side| drawn(scene, side)) }
     }
 }
 
@@ -88,10 +88,10 @@ mod tests {
     fn a_triangle_through_the_plane_is_cut_in_two_points_and_one_beside_it_not_at_all() {
         let through = [[-0.001, 0.0, 0.0], [0.001, 0.0, 0.010], [0.001, 0.002, 0.0]];
         let tidy = |ends: [[f64; 2]; 2]| ends.map(|end| end.map(|mm| (1e3 * mm).round() * 1e-3));
-        assert_eq!(cut(through, 0.0, Side::Right).map(tidy), Some([[5.0, 0.0], [0.0, 1.0]]));
-        assert_eq!(cut(through, 0.005, Side::Right), None);
+        assert_eq!(cut(through, 0.0, Side::Left).map(tidy), Some([[5.0, 0.0], [0.0, 1.0]]));
+        assert_eq!(cut(through, 0.005, Side::Left), None);
         let touching = [[0.0, 0.0, 0.0], [0.001, 0.0, 0.010], [0.001, 0.002, 0.0]];
-        assert_eq!(cut(touching, 0.0, Side::Right), None, "a corner on the plane is no cut");
+        assert_eq!(cut(touching, 0.0, Side::Left), None, "a corner on the plane is no cut");
     }
 
     #[test]
@@ -102,17 +102,17 @@ mod tests {
     }
 
     #[test]
-    fn the_cavity_of_the_default_scene_is_as_deep_and_wide_as_it_was_made_and_the_polyp_sits_on_the_left() {
+    fn the_cavity_of_the_default_scene_is_as_deep_and_wide_as_it_was_made_and_the_polyp_sits_on_the_right() {
         let scene = hyst_scene::load_embedded().unwrap();
-        let Anatomy { sides: [right, front] } = Anatomy::of(&scene);
+        let Anatomy { sides: [left, front] } = Anatomy::of(&scene);
         let extent = |drawn: &Drawn, axis: usize| {
             let values = || drawn.cuts_mm.iter().flatten().map(|point| point[axis]);
             values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
         };
-        assert!(extent(&right, 0) > 60.0 && extent(&front, 1) > extent(&right, 1), "a uterus is wider than it is thick");
-        assert!(right.cuts_mm.len() > 50 && front.cuts_mm.len() > 50);
+        assert!(extent(&left, 0) > 60.0 && extent(&front, 1) > extent(&left, 1), "a uterus is wider than it is thick");
+        assert!(left.cuts_mm.len() > 50 && front.cuts_mm.len() > 50);
         assert!(
-            front.shapes_mm.len() == 1 && front.shapes_mm[0].iter().all(|[_, left_mm]| *left_mm > -3.0),
+            front.shapes_mm.len() == 1 && front.shapes_mm[0].iter().all(|[_, right_mm]| *right_mm > -3.0),
             "{:?}",
             front.shapes_mm
         );

@@ -158,7 +158,7 @@ impl Measured {
             }
             if is_new {
                 let since_ticks = self.tick(record);
-                rows.tick(record, since_ticks, self.latest).iter().for_each(&mut *give);
+                rows.tick(record, (since_ticks, self.is_of_session(record.tick)), self.latest).iter().for_each(&mut *give);
             }
         }
         tissue.for_each(|status| self.tissue(status));
@@ -180,6 +180,13 @@ impl Measured {
         let ended = self.judge.as_ref().and_then(|judge| judge.ended);
         let ticks = ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1));
         ticks.saturating_sub(self.began_tick().map_or(0, |tick| self.conduct.since_start(tick)))
+    }
+
+    /// Whether a tick that was taken is one of the session; without a case each is.
+    fn is_of_session(&self, tick: u64) -> bool {
+        let Some(judge) = &self.judge else { return true };
+        judge.began_tick().is_some_and(|began_tick| tick >= began_tick)
+            && judge.ended.is_none_or(|(_, ended_tick)| tick <= ended_tick)
     }
 
     /// The tick with which the session of a case began, if it has.

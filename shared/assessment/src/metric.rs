@@ -7,6 +7,8 @@ use hyst_scene::Score;
 
 /// Where a scale or a weight comes from that a case has set.
 const OF_CASE: &str = "the case";
+/// Why there is none, usually.
+const SHOWN: &str = "shown, not scored: it depends on the case";
 
 /// A group of metrics: the four of Bajka et al. 2010, and the task of the case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,6 +86,17 @@ pub struct Definition {
     pub value: fn(&Measured) -> Option<f64>,
     /// Where the scale comes from, or why there is none.
     pub source: &'static str,
+}
+
+/// A metric that is only shown where no case gives it a scale.
+pub(crate) const fn shown(
+    group: Group,
+    key: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    value: fn(&Measured) -> Option<f64>,
+) -> Definition {
+    Definition { group, key, name, unit, scale: None, value, source: SHOWN }
 }
 
 /// A metric of one recording.

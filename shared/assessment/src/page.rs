@@ -44,7 +44,7 @@ pub fn html(sessions: &Sessions) -> String {
         page.push_str("<p class=\"note\">Behind it the organ, cut through the pivot, and the outline of the pathology, as they were before anything moved.</p>\n");
     }
     page.push_str("<div class=\"sides\">\n");
-    for side in [Side::Right, Side::Front] {
+    for side in [Side::Left, Side::Front] {
         page.push_str(&way(&reported.assessment.measured.curves, anatomy, side));
     }
     page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");

@@ -12,7 +12,7 @@ const ROW_TICKS: u64 = 100;
 /// The first line.
 pub const CSV_HEAD: &str = "tick,time_s,ticks,x_m,y_m,z_m,pitch_rad,yaw_rad,roll_rad,insertion_m,camera_roll_rad,speed_m_s,force_mean_n,force_max_n,worst_kind,\
     buttons,loop_extension_m,inflow_valve,outflow_valve,set_pressure_pa,light,pressure_pa,cavity_volume_ml,deficit_ml,inflow_ml_min,outflow_ml_min,alarms,\
-    removed_volume_ml,cuts,bled_ml,focus_m,transmittance,healthy_removed_ml";
+    removed_volume_ml,cuts,bled_ml,focus_m,transmittance,healthy_removed_ml,in_session";
 
 /// A tenth of a second.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,6 +21,8 @@ pub struct Row {
     pub record: AppliedRecord,
     /// That tick, counted from the recording's first.
     pub since_start_ticks: u64,
+    /// Whether that tick is one of the session: of a case from when the hand first moves to its end, without a case each.
+    pub in_session: bool,
     /// The newest status of the tissue then.
     pub tissue: Option<TissueStatus>,
     /// The newest status of the fluid then.
@@ -75,6 +77,7 @@ impl Row {
         let transmittance = self.fluid.and_then(|fluid| fluid.told_transmittance()).unwrap_or(f32::NAN);
         number(&mut line, f64::from(transmittance), Some(transmittance));
         number(&mut line, self.tissue.map_or(f64::NAN, |tissue| tissue.healthy_removed_ml), None);
+        let _ = write!(line, ",{}", u8::from(self.in_session));
         line
     }
 }
@@ -98,12 +101,17 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    /// Takes a tick, with the newest statuses; gives the row before when it is complete.
-    pub(crate) fn tick(&mut self, record: &AppliedRecord, since_start_ticks: u64, statuses: Statuses) -> Option<Row> {
+    /// Takes a tick, of the session or not, with the newest statuses; gives the row before when it is complete.
+    pub(crate) fn tick(
+        &mut self,
+        record: &AppliedRecord,
+        (since_start_ticks, in_session): (u64, bool),
+        statuses: Statuses,
+    ) -> Option<Row> {
         let is_next = since_start_ticks / ROW_TICKS != self.open.since_start_ticks / ROW_TICKS;
         let done = if is_next { self.finish() } else { None };
         let row = &mut self.open;
-        (row.record, row.since_start_ticks) = (*record, since_start_ticks);
+        (row.record, row.since_start_ticks, row.in_session) = (*record, since_start_ticks, in_session);
         (row.tissue, row.fluid) = statuses;
         row.ticks += 1;
         row.worst_kind = row.worst_kind.max(record.command.kind);
@@ -139,17 +147,17 @@ mod tests {
             let healthy_removed_ml = if tick < 200 { 0.125 } else { f64::NAN };
             let tissue = TissueStatus { cuts: 3, removed_volume_ml: 0.25, healthy_removed_ml, ..TissueStatus::default() };
             let told = FluidStatus { transmittance: 0.75, ..FluidStatus::default() };
-            done.extend(rows.tick(&record, tick, (Some(tissue), Some(told).filter(|_| tick < 100))));
+            done.extend(rows.tick(&record, (tick, tick < 200), (Some(tissue), Some(told).filter(|_| tick < 100))));
         }
         done.extend(rows.finish());
         assert!(rows.finish().is_none());
         let shape: Vec<_> = done.iter().map(|row| (row.record.tick, row.ticks, row.worst_kind)).collect();
         assert_eq!(shape, [(106, 100, 0), (206, 100, 1), (256, 50, 0)]);
         let line = done[1].csv();
-        assert!(line.starts_with("206,0.199,100,0.1,,0,0,") && line.ends_with(",,,,,,,0.25,3,,0.008,,0.125"), "{line}");
+        assert!(line.starts_with("206,0.199,100,0.1,,0,0,") && line.ends_with(",,,,,,,0.25,3,,0.008,,0.125,1"), "{line}");
         assert!(line.contains(",149.5,199,1,"), "{line}");
-        assert!(done[0].csv().ends_with(",0.25,3,0,0.008,0.75,0.125"), "{}", done[0].csv());
-        assert!(done[2].csv().ends_with(",0.25,3,,,,"), "no focus is stated, and neither view nor wall is recorded");
+        assert!(done[0].csv().ends_with(",0.25,3,0,0.008,0.75,0.125,1"), "{}", done[0].csv());
+        assert!(done[2].csv().ends_with(",0.25,3,,,,,0"), "no focus is stated, and neither view nor wall is recorded");
         for row in &done {
             assert_eq!(row.csv().split(',').count(), CSV_HEAD.split(',').count());
         }

@@ -61,8 +61,8 @@ mod tests {
         assert!(
             is_in_sight(&SIGHT, at(0.01, -0.5), &sample(half_turn)) && !is_in_sight(&SIGHT, at(0.01, 0.5), &sample(half_turn))
         );
-        let right = [-0.01 * 0.5_f64.sin(), 0.0, 0.01 * 0.5_f64.cos()];
-        assert!(is_in_sight(&SIGHT, right, &sample(0.5 * half_turn)), "a quarter turn looks to the patient's right");
+        let left = [-0.01 * 0.5_f64.sin(), 0.0, 0.01 * 0.5_f64.cos()];
+        assert!(is_in_sight(&SIGHT, left, &sample(0.5 * half_turn)), "a quarter turn looks to the patient's left");
         let (mut dark, mut nowhere) = (sample(0.0), sample(0.0));
         dark.controls.light = 0.01;
         nowhere.pose.position_m[1] = f32::NAN;

@@ -4,17 +4,16 @@ use crate::clarity::CLEAR_SHARE;
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
 use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
-use crate::metric::{Definition, Group, scale, share};
+use crate::metric::{Definition, Group, scale, share, shown};
 
 const ASSUMED: &str = "assumed";
 const HEAD_HELD: &str = "assumed; nothing where the scope is not turned, or the head is kept level for it";
-const SHOWN: &str = "shown, not scored: it depends on the case";
 
 /// The defaults. The groups, and that path length, time and camera alignment separate novices from experts best (so they weigh 2), are Bajka et al. 2010.
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 41] = [
+pub static METRICS: [Definition; 42] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -60,24 +59,12 @@ pub static METRICS: [Definition; 41] = [
         value: |m| share(m.medium.clarity.clear_ticks, m.medium.clarity.known_ticks),
         source: "light through the blood, over 20 mm or to the wall; shares assumed",
     },
-    Definition {
-        group: Group::Visualisation,
-        key: "view_lost",
-        name: "longest time without a clear view",
-        unit: "s",
-        scale: None,
-        value: |m| m.medium.clarity.longest_known_ticks().map(|ticks| ticks as f64 * 1e-3),
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Visualisation,
-        key: "transmittance",
-        name: "light that comes through the blood, mean",
-        unit: "%",
-        scale: None,
-        value: |m| m.medium.clarity.mean_share().map(|share| 100.0 * share),
-        source: SHOWN,
-    },
+    shown(Group::Visualisation, "view_lost", "longest time without a clear view", "s", |m| {
+        m.medium.clarity.longest_known_ticks().map(|ticks| ticks as f64 * 1e-3)
+    }),
+    shown(Group::Visualisation, "transmittance", "light that comes through the blood, mean", "%", |m| {
+        m.medium.clarity.mean_share().map(|share| 100.0 * share)
+    }),
     Definition {
         group: Group::Visualisation,
         key: "landmarks",
@@ -123,15 +110,9 @@ pub static METRICS: [Definition; 41] = [
         value: |m| m.motion.economy().map(|economy| 100.0 * economy),
         source: "of 42 mm, what a way through the cavity spans, by the two paths: assumed",
     },
-    Definition {
-        group: Group::Ergonomics,
-        key: "speed_mean",
-        name: "mean speed of the tip",
-        unit: "mm/s",
-        scale: None,
-        value: |m| m.motion.speed_m_s().map(|speed_m_s| 1e3 * speed_m_s),
-        source: SHOWN,
-    },
+    shown(Group::Ergonomics, "speed_mean", "mean speed of the tip", "mm/s", |m| {
+        m.motion.speed_m_s().map(|speed_m_s| 1e3 * speed_m_s)
+    }),
     Definition {
         group: Group::Ergonomics,
         key: "speed_peak",
@@ -213,15 +194,9 @@ pub static METRICS: [Definition; 41] = [
         value: |m| m.medium.newest().map(|_| m.medium.perforation_count() as f64),
         source: "one is one too many; weight assumed",
     },
-    Definition {
-        group: Group::Safety,
-        key: "energised",
-        name: "time with the current that cuts in the loop",
-        unit: "s",
-        scale: None,
-        value: |m| (m.conduct.ticks > 0).then_some(m.electrode.energised_ticks as f64 * 1e-3),
-        source: SHOWN,
-    },
+    shown(Group::Safety, "energised", "time with the current that cuts in the loop", "s", |m| {
+        (m.conduct.ticks > 0).then_some(m.electrode.energised_ticks as f64 * 1e-3)
+    }),
     Definition {
         group: Group::Safety,
         key: "energised_free",
@@ -231,42 +206,14 @@ pub static METRICS: [Definition; 41] = [
         value: |m| share(m.electrode.free_ticks, m.electrode.energised_ticks),
         source: ASSUMED,
     },
-    Definition {
-        group: Group::Safety,
-        key: "coagulated",
-        name: "time with the coagulating current",
-        unit: "s",
-        scale: None,
-        value: |m| (m.conduct.ticks > 0).then_some(m.electrode.coagulating_ticks as f64 * 1e-3),
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Safety,
-        key: "cuts",
-        name: "strokes of the loop that cut",
-        unit: "",
-        scale: None,
-        value: |m| m.tissue.map(|status| f64::from(status.cuts)),
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Safety,
-        key: "removed",
-        name: "volume of pathology removed",
-        unit: "ml",
-        scale: None,
-        value: |m| m.tissue.map(|status| status.removed_volume_ml),
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Safety,
-        key: "healthy_removed",
-        name: "volume of healthy tissue taken off",
-        unit: "ml",
-        scale: None,
-        value: |m| m.tissue.map(|status| status.healthy_removed_ml),
-        source: SHOWN,
-    },
+    shown(Group::Safety, "coagulated", "time with the coagulating current", "s", |m| {
+        (m.conduct.ticks > 0).then_some(m.electrode.coagulating_ticks as f64 * 1e-3)
+    }),
+    shown(Group::Safety, "cuts", "strokes of the loop that cut", "", |m| m.tissue.map(|status| f64::from(status.cuts))),
+    shown(Group::Safety, "removed", "volume of pathology removed", "ml", |m| m.tissue.map(|status| status.removed_volume_ml)),
+    shown(Group::Safety, "healthy_removed", "volume of healthy tissue taken off", "ml", |m| {
+        m.tissue.map(|status| status.healthy_removed_ml)
+    }),
     Definition {
         group: Group::Fluid,
         key: "pressure_low",
@@ -312,33 +259,11 @@ pub static METRICS: [Definition; 41] = [
         value: |m| m.medium.steepest.map(|peak| peak.value),
         source: "300 ml/min: the pump's alarm; 50 assumed",
     },
-    Definition {
-        group: Group::Fluid,
-        key: "inflow",
-        name: "medium used",
-        unit: "ml",
-        scale: None,
-        value: |m| m.medium.inflow_ml,
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Fluid,
-        key: "bled",
-        name: "blood that came into the cavity",
-        unit: "ml",
-        scale: None,
-        value: |m| m.medium.bled_ml,
-        source: SHOWN,
-    },
-    Definition {
-        group: Group::Fluid,
-        key: "sealed",
-        name: "vessels that were coagulated at the end",
-        unit: "",
-        scale: None,
-        value: |m| m.medium.newest().map(|status| f64::from(status.sealed_vessels)),
-        source: SHOWN,
-    },
+    shown(Group::Fluid, "inflow", "medium used", "ml", |m| m.medium.inflow_ml),
+    shown(Group::Fluid, "bled", "blood that came into the cavity", "ml", |m| m.medium.bled_ml),
+    shown(Group::Fluid, "sealed", "vessels that were coagulated at the end", "", |m| {
+        m.medium.newest().map(|status| f64::from(status.sealed_vessels))
+    }),
     Definition {
         group: Group::Fluid,
         key: "alarm",
@@ -366,15 +291,10 @@ pub static METRICS: [Definition; 41] = [
         value: |m| m.judge.as_ref().and_then(Judge::done_percent),
         source: ASSUMED,
     },
-    Definition {
-        group: Group::Task,
-        key: "pathology",
-        name: "pathology removed",
-        unit: "%",
-        scale: None,
-        value: |m| m.judge.as_ref().and_then(Judge::removed_percent),
-        source: SHOWN,
-    },
+    shown(Group::Task, "pathology", "pathology removed", "%", |m| m.judge.as_ref().and_then(Judge::removed_percent)),
+    shown(Group::Task, "brought_out", "volume of pieces brought out of the cavity", "ml", |m| {
+        m.tissue.map(|status| f64::from(status.washed_out_ml) + f64::from(status.taken_out_ml))
+    }),
     Definition {
         group: Group::Task,
         key: "warnings",

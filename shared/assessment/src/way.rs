@@ -18,35 +18,35 @@ const LEAST_BEFORE_MM: f64 = 36.0;
 /// From where the way is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Side {
-    /// From the patient's right: into the uterus is to the right, anterior is up.
-    Right,
-    /// From the front: into the uterus is to the right, the patient's left is up.
+    /// From the patient's left: into the uterus is to the right, anterior is up.
+    Left,
+    /// From the front: into the uterus is to the right, the patient's right is up.
     Front,
 }
 
 impl Side {
     /// Right and up, mm.
     pub(crate) fn of(self, [x_m, y_m, z_m]: [f32; 3]) -> [f64; 2] {
-        let up_m = if matches!(self, Side::Right) { y_m } else { x_m };
+        let up_m = if matches!(self, Side::Left) { y_m } else { x_m };
         [z_m, up_m].map(|value_m| f64::from(value_m) * 1e3)
     }
 
     /// How far towards the eye, or away from it, m.
     pub(crate) fn depth_m(self, [x_m, y_m, _]: [f32; 3]) -> f32 {
-        if matches!(self, Side::Right) { x_m } else { y_m }
+        if matches!(self, Side::Left) { x_m } else { y_m }
     }
 
     const fn name(self) -> &'static str {
         match self {
-            Side::Right => "from-right",
+            Side::Left => "from-left",
             Side::Front => "from-front",
         }
     }
 
     fn title(self) -> &'static str {
         match self {
-            Side::Right => "from the patient's right, mm: into the uterus →, anterior ↑",
-            Side::Front => "from the front, mm: into the uterus →, the patient's left ↑",
+            Side::Left => "from the patient's left, mm: into the uterus →, anterior ↑",
+            Side::Front => "from the front, mm: into the uterus →, the patient's right ↑",
         }
     }
 }
@@ -133,12 +133,12 @@ mod tests {
         let anatomy = Anatomy { sides: [drawn, Drawn::default()] };
         let ends =
             |svg: &str, before: &str, after: &str| svg.split_once(before).unwrap().1.split_once(after).unwrap().0.to_owned();
-        let svg = way(&curves, Some(&anatomy), Side::Right);
+        let svg = way(&curves, Some(&anatomy), Side::Left);
         let cut = ends(&svg, "class=\"organ\" d=\"M", "\"").replace('L', " ").replace(' ', ",");
         let line = ends(&svg, "class=\"way\" points=\"", "\"").replace(' ', ",");
         assert_eq!(cut, line, "the cut lies where the tip went: {svg}");
-        assert!(svg.find("clip-path=\"url(#from-right)\"") < svg.find("class=\"way\""), "behind the way");
+        assert!(svg.find("clip-path=\"url(#from-left)\"") < svg.find("class=\"way\""), "behind the way");
         assert_eq!(svg.matches("<polygon").count(), 1);
-        assert!(!way(&curves, None, Side::Right).contains("organ"));
+        assert!(!way(&curves, None, Side::Left).contains("organ"));
     }
 }

@@ -136,20 +136,22 @@ fn who_comes_late_has_the_latest_begin_of_who_has_seen_all() {
     assert_eq!((after.0, after.1), (whole.0, whole.1), "after it has begun");
 }
 
+/// Half a second from a tick on: of a scope that somebody holds, or in the dark, with the outflow shut, at 20 mmHg and with 1 N.
+fn half_second(first: u64, is_held: bool) -> Block {
+    let ticks = (first..first + 500).map(|tick| {
+        let mut record = record(tick, if is_held { [0.005, 0.0, 0.02] } else { [0.0, 0.0, 0.02] }, f32::from(!is_held));
+        if !is_held {
+            (record.sample.controls.outflow_valve, record.sample.controls.light) = (0.0, 0.0);
+        }
+        record
+    });
+    let fluid = vec![fluid(first, if is_held { 60.0 } else { 20.0 }, 0.0)];
+    Block { applied: ticks.collect(), fluid, ..Block::default() }
+}
+
 /// So many seconds in the dark, with the outflow shut, at 20 mmHg and with 1 N, while nobody holds the scope; then five in which somebody does.
 fn recorded(name: &str, rest_s: u64, facts: &[(&str, &str)]) -> Assessment {
-    let block = |first: u64, is_held: bool| {
-        let ticks = (first..first + 500).map(|tick| {
-            let mut record = record(tick, if is_held { [0.005, 0.0, 0.02] } else { [0.0, 0.0, 0.02] }, f32::from(!is_held));
-            if !is_held {
-                (record.sample.controls.outflow_valve, record.sample.controls.light) = (0.0, 0.0);
-            }
-            record
-        });
-        let fluid = vec![fluid(first, if is_held { 60.0 } else { 20.0 }, 0.0)];
-        Block { applied: ticks.collect(), fluid, ..Block::default() }
-    };
-    let blocks: Vec<Block> = (0..2 * (rest_s + 5)).map(|half| block(500 * half, half >= 2 * rest_s)).collect();
+    let blocks: Vec<Block> = (0..2 * (rest_s + 5)).map(|half| half_second(500 * half, half >= 2 * rest_s)).collect();
     let bytes = bytes_of(name, facts, &blocks);
     assess(Reader::new(Cursor::new(&bytes), Path::new("session.mcap")).unwrap(), 2, |_| {})
 }
@@ -173,6 +175,25 @@ fn a_report_counts_the_time_and_its_shares_from_the_begin_and_says_when_that_was
     assert!(text(&sessions).contains("  began at 10.0 s: the trainee's time"), "{}", text(&sessions));
     assert!(html(&sessions).contains("<dt>session</dt><dd>began at 10.0 s: "), "{}", html(&sessions));
     assert!(text(&sessions).lines().all(|line| line.chars().count() <= 100), "{}", text(&sessions));
+}
+
+/// Who computes a share of the time from the rows has the metric's.
+#[test]
+fn the_rows_of_the_session_are_those_from_its_begin_to_its_end() {
+    let of_session = |name: &str, facts: &[(&str, &str)]| {
+        let mut rows: Vec<(u64, bool)> = Vec::new();
+        let blocks: Vec<Block> = (0..16).map(|half| half_second(500 * half, half >= 4)).collect();
+        let bytes = bytes_of(name, facts, &blocks);
+        assess(Reader::new(Cursor::new(&bytes), Path::new("rows.mcap")).unwrap(), 2, |row| {
+            rows.push((row.since_start_ticks, row.in_session));
+        });
+        assert_eq!(rows.len(), 80);
+        let within: Vec<u64> = rows.into_iter().filter(|(_, is)| *is).map(|(since, _)| since).collect();
+        (within.len(), within.first().copied(), within.last().copied())
+    };
+    // It begins after two seconds, and ends three seconds later: with a tick that is the first of its row, which is not over with it.
+    assert_eq!(of_session("rows", &[("case", case(3.0).as_str())]), (30, Some(2_099), Some(4_999)));
+    assert_eq!(of_session("all-rows", &[]), (80, Some(99), Some(7_999)));
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod fixture;
 
 use fixture::{assessed, busy, bytes, bytes_of, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
 use hyst_assessment::{Assessment, Sessions, scores};
-use hyst_messages::Applied;
+use hyst_messages::{Applied, TissueStatus};
 use hyst_recording::{Block, Level, Reader, TickRange};
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -67,7 +67,7 @@ fn the_medium_and_the_cuts_are_those_of_the_statuses() {
     let block = |first: u64| Block {
         applied: (first..first + 1_000).map(|tick| record(tick, [0.0; 3], 0.0)).collect(),
         fluid: vec![fluid(first, if first == 0 { 20.0 } else { 70.0 }, 0.5 * first as f64 * 1e-3)],
-        tissue: vec![tissue(first, (first / 1_000) as u32, 0.1)],
+        tissue: vec![TissueStatus { washed_out_ml: 0.25, taken_out_ml: 0.5, ..tissue(first, (first / 1_000) as u32, 0.1) }],
         ..Block::default()
     };
     let blocks: Vec<Block> = (0..21).map(|second| block(1_000 * second)).collect();
@@ -85,6 +85,7 @@ fn the_medium_and_the_cuts_are_those_of_the_statuses() {
         assert!(is_near(&assessment, key, exact), "{key}: {:?}", value(&assessment, key));
     }
     assert!(is_near(&assessment, "inflow", 20.0) && is_near(&assessment, "cuts", 20.0) && is_near(&assessment, "removed", 0.1));
+    assert!(is_near(&assessment, "brought_out", 0.75), "through the outflow and in the jaws");
     assert!(value(&assessment, "pressure_peak").is_some_and(|mmhg| (mmhg - 70.0).abs() < 1e-3));
 }
 

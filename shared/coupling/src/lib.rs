@@ -7,7 +7,7 @@
 //!
 //! Conventions, everywhere in this crate:
 //! - Frame: metres, right-handed, origin at the pivot in the cervix, +z along the cervical canal into the uterus, +y
-//!   anterior, +x to the patient's left.
+//!   anterior, +x to the patient's right (right × anterior = cranial), which lies on the left of a picture with anterior up.
 //! - A force is the force **on the hand** (and so on the scope), in newtons. Pressing along +z into a wall whose normal is
 //!   −z gives a force along −z.
 //! - One tick is 1 ms. Durations are counted in ticks where they are promises, in seconds where they are physics.

@@ -1,7 +1,7 @@
 //! The scope's pose in its four degrees of freedom about the pivot in the cervix, and as position and orientation.
 //!
 //! The orientation is `R_y(yaw) · R_x(pitch) · R_z(roll)`, right-handed, applied to a scope whose axis is +z. So positive
-//! pitch moves the tip to −y (posterior), positive yaw moves it to +x (the patient's left), and the tip lies at
+//! pitch moves the tip to −y (posterior), positive yaw moves it to +x (the patient's right), and the tip lies at
 //! `pivot + insertion · (sin yaw cos pitch, −sin pitch, cos yaw cos pitch)`.
 //! Sines are computed in f64 by the platform.
 
@@ -19,7 +19,7 @@ const MIN_LEVER_M: f64 = 1e-4;
 pub struct Pose4 {
     /// About +x, rad; positive moves the tip to −y (posterior).
     pub pitch_rad: f32,
-    /// About +y, rad; positive moves the tip to +x (patient's left).
+    /// About +y, rad; positive moves the tip to +x (patient's right).
     pub yaw_rad: f32,
     /// About the scope's axis, rad, right-handed about the inward axis.
     pub roll_rad: f32,

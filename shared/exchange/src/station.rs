@@ -119,6 +119,10 @@ impl Station {
     pub fn build(&self) -> PathBuf {
         self.root.join("build")
     }
+    /// Bytes that the disk of the recording has left, as its recorder was told last: digits. Not there while nobody knows.
+    pub fn room(&self) -> PathBuf {
+        self.root.join("room")
+    }
     /// Where the scene has its pivot, for drivers, whose tips are about it: three floats, m. A place without a scene has none.
     pub fn pivot(&self) -> PathBuf {
         self.root.join("pivot")

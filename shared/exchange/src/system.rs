@@ -1,10 +1,11 @@
-//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, memory lock, core.
+//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, memory lock, core, room on a disk.
 //!
 //! Promise: what is refused by the machine is reported, never assumed. Times are CLOCK_MONOTONIC nanoseconds.
 
 use rustix::thread::{CpuSet, futex, sched_getaffinity, sched_setaffinity};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::num::NonZeroU32;
+use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicU32;
 
@@ -52,6 +53,15 @@ pub fn wait_word(word: &AtomicU32, expected: u32, deadline_ns: u64, as_one_of: N
 pub fn wake_word(word: &AtomicU32, whom: NonZeroU32) {
     // Fails only for an unmapped address, which a reference cannot be.
     let _ = futex::wake_bitset(word, futex::Flags::empty(), i32::MAX as u32, whom);
+}
+
+/// Bytes that the file system of a file or folder has left for this user. Of a disk that stands still the answer is waited for.
+///
+/// # Errors
+/// What the system says.
+pub fn free_bytes(path: &Path) -> std::io::Result<u64> {
+    let found = rustix::fs::statvfs(path)?;
+    Ok(found.f_bavail.saturating_mul(found.f_frsize))
 }
 
 /// What the machine granted.
@@ -272,6 +282,12 @@ mod tests {
         let until = now_ns() + 2_000_000;
         sleep_until_ns(until);
         assert!(now_ns() >= until);
+    }
+
+    #[test]
+    fn a_folder_has_room_and_one_that_is_not_there_has_none_that_anybody_knows() {
+        assert!(free_bytes(&std::env::temp_dir()).is_ok());
+        assert!(free_bytes(Path::new("/nowhere/at/all")).is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound));
     }
 
     #[test]

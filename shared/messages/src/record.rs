@@ -1,5 +1,5 @@
 //! The fixed-size records that live in cells and rings of the station pages. SI units; world frame: metres, origin at the pivot
-//! in the cervix, +z into the uterus, +y anterior, +x to the patient's left. Padding is explicit, so that every bit is defined.
+//! in the cervix, +z into the uterus, +y anterior, +x to the patient's right. Padding is explicit, so that every bit is defined.
 
 use crate::statement::DeviceLimits;
 use bytemuck::{Pod, Zeroable};

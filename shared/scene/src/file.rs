@@ -1,7 +1,7 @@
 //! What a scene file can say. Each type is one table of the TOML; a missing key takes the default that its comment names.
 //!
 //! Frame of every position: metres, origin at the pivot in the cervix, +z along the canal into the uterus, +y anterior, +x to the
-//! patient's left. Angles are in degrees here and in radians everywhere after loading.
+//! patient's right, which is on the picture's left. Angles are in degrees here and in radians everywhere after loading.
 
 use crate::fluid::{Fluid, PumpChange, Vessels};
 use crate::instrument::Rigid;

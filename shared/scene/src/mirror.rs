@@ -1,4 +1,4 @@
-//! The mirror image of a scene, about planes through the pivot in which a straight scope lies: what it has on the patient's left is on the right, what it has
+//! The mirror image of a scene, about planes through the pivot in which a straight scope lies: what it has on the patient's right is on the left, what it has
 //! anterior is posterior, or both. Organ and pathology are mirrored together, with what holds them, the fluid's box, the limits of the hand and the movements of
 //! the scripted ones; so a seat that holds in the scene holds in its image, and a movement meets there what it met. The instrument is not mirrored: left and
 //! right it is its own image.

@@ -7,7 +7,7 @@ use glam::{Quat, Vec3};
 /// A pose of the instrument about the pivot.
 ///
 /// The orientation is R_y(yaw) · R_x(pitch) · R_z(roll); the instrument's axis is its local +z, pointing inwards. Positive pitch
-/// lowers the tip (−y, posterior), positive yaw moves it to +x (the patient's left).
+/// lowers the tip (−y, posterior), positive yaw moves it to +x (the patient's right).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
     /// About x.
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn positive_pitch_lowers_the_tip_and_positive_yaw_moves_it_left() {
+    fn positive_pitch_lowers_the_tip_and_positive_yaw_moves_it_to_the_patients_right() {
         let quarter = std::f32::consts::FRAC_PI_2;
         let pitched = Pose { pitch_rad: quarter, insertion_m: 0.05, ..Pose::default() };
         assert!(near(pitched.tip_m([0.0; 3]), [0.0, -0.05, 0.0]));

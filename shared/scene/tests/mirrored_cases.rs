@@ -125,16 +125,16 @@ fn assert_places(with: &SettledCase, without: &SettledCase, signs: [f32; 2], who
     }
 }
 
-/// Of eleven seeds seven have the polyp on the patient's right; the hand that is found goes there.
+/// Of eleven seeds seven have the polyp on the patient's left; the hand that is found goes there.
 #[test]
 fn the_polyp_hangs_on_either_side_and_the_hand_that_is_found_goes_where_it_hangs() {
-    let (mut right, mut cut) = (0, 0);
+    let (mut left, mut cut) = (0, 0);
     for seed in 0..=10 {
         let case = settled("polyp", seed);
         let [x_m, ..] = case.brief.pathologies_m[0];
         let is_mirrored = case.brief.drawn.iter().any(|drawn| drawn.starts_with("mirrored"));
         assert_eq!(x_m < 0.0, is_mirrored, "seed {seed}: {x_m} m");
-        right += u32::from(is_mirrored);
+        left += u32::from(is_mirrored);
         // Of some seeds there is no room to draw the loop along it.
         let hand = case.scene.hand("polyp");
         let Some(leg) = hand.and_then(|hand| hand.legs.iter().find(|leg| leg.is_energized)) else { continue };
@@ -142,6 +142,6 @@ fn the_polyp_hangs_on_either_side_and_the_hand_that_is_found_goes_where_it_hangs
         assert!(f64::from(ring_m[0]) * x_m > 0.0, "seed {seed}: the loop is at {ring_m:?}, the polyp at {x_m} m");
         cut += 1;
     }
-    assert_eq!(right, 7);
+    assert_eq!(left, 7);
     assert!(cut >= 6, "{cut} of 11");
 }

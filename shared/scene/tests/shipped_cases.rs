@@ -1,7 +1,7 @@
 //! The cases that come with the station, and what their seeds draw: no two need be the same, and each is found again to the bit.
 #![allow(missing_docs)]
 
-use hyst_scene::{Aim, DeformableKind, LoadedScene, SettledCase, find_case, load};
+use hyst_scene::{Aim, Case, DeformableKind, LoadedScene, SettledCase, find_case, load};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -151,6 +151,24 @@ fn no_pressure_that_a_goal_asks_for_is_the_one_that_the_pump_begins_with() {
     assert!(asked >= 2, "{asked} goals ask for a pressure");
 }
 
+/// Forceps leave the polyp on its wall: who has brought the piece out has removed all that is to be removed, not a sixth of it.
+#[test]
+fn of_a_scene_with_jaws_what_lies_free_is_to_be_removed_and_of_any_other_all_pathology() {
+    for (name, seed) in [("retrieval", 1), ("retrieval", 4), ("polyp", 3), ("septum", 2)] {
+        let case = settled(name, Some(seed));
+        let of = |is_asked: fn(&str) -> bool| -> f64 {
+            let asked = case.scene.objects.iter().filter(|object| is_asked(&object.name));
+            asked.map(|object| 1e6 * hyst_mesh::check(&object.mesh).volume_m3).sum()
+        };
+        let asked_ml = if name == "retrieval" { of(|name| name == "piece") } else { of(|name| name != "uterus") };
+        assert!(asked_ml > 0.05 && (case.brief.pathology_ml - asked_ml).abs() < 1e-9, "{name}: {asked_ml} ml");
+        for goal in &case.brief.goals {
+            let Aim::Removed(ml) = goal.is else { continue };
+            assert!(ml > 0.0 && ml < asked_ml, "{name}: {ml} of {asked_ml} ml");
+        }
+    }
+}
+
 /// At 30 mmHg the walls are not as they are at 70.
 #[test]
 fn a_case_that_sets_another_pressure_has_the_walls_of_its_scene() {
@@ -199,6 +217,30 @@ fn the_septum_divides_the_cavity_and_is_rooted_in_both_walls_and_the_fundus() {
     let lowest = septum.mesh.positions_m.iter().map(|place| place[2]).fold(f32::MAX, f32::min);
     // The cavity ends 52 mm from the pivot.
     assert!((0.052 - lowest - 0.018).abs() < 0.000_5, "{lowest}");
+}
+
+/// +x is the patient's right, which is on the picture's left: places and polyps were named for the other side.
+#[test]
+fn what_is_named_for_a_side_of_the_patient_lies_there() {
+    let mut named = 0;
+    let mut look = |name: &str, x_m: f64| {
+        let has = |side: &str| name.split(' ').any(|word| word == side);
+        if has("left") || has("right") {
+            assert_eq!(x_m > 0.0, has("right"), "{name}: {x_m} m");
+            named += 1;
+        }
+    };
+    for name in names() {
+        let text = std::fs::read_to_string(folder().join(format!("{name}.toml"))).unwrap();
+        let case = Case::parse(&text, &name).unwrap_or_else(|error| panic!("{error}"));
+        let placed = case.place.iter().filter_map(|place| Some((place.name.as_str(), place.centre_m?[0])));
+        placed.for_each(|(name, x_m)| look(name, x_m));
+    }
+    for object in load(&folder().join("../scenes/three-polyps.toml")).unwrap().objects {
+        let mean_m = object.mesh.positions_m.iter().map(|point| f64::from(point[0])).sum::<f64>();
+        look(&object.name, mean_m / object.mesh.positions_m.len() as f64);
+    }
+    assert_eq!(named, 4, "two horns, two polyps");
 }
 
 #[test]

@@ -26,7 +26,7 @@ fn cross([a, b, c]: [f32; 3], [x, y, z]: [f32; 3]) -> [f32; 3] {
     [b * z - c * y, c * x - a * z, a * y - b * x]
 }
 
-/// The points before the tip: anterior is up, the patient's left on the left.
+/// The points before the tip: anterior is up, the patient's right on the left.
 fn draw(points_m: &[[f32; 3]], pose: &Pose, rgb: &mut [u8]) {
     let ([width, height], [x, y, z, w]) = (SIZE_PX.map(|px| px as f32), pose.orientation);
     rgb.fill(0);

@@ -81,6 +81,10 @@ const HEAD: &str = r"(() => {
         return text('recorded');
     };
     const recording = [recorded(null), recorded('no room')];
+    showRecording({ file: '/a.mcap', ticks: 7, lost: 0, bytes: 2000000, behind_ticks: 5, stands_still: null, free_bytes: 61500000, lasts_s: 61.5 });
+    recording.push(text('recorded'), document.getElementById('recorded').className);
+    showRecording({ file: '/a.mcap', ticks: 7, lost: 0, bytes: 2000000, behind_ticks: 5, stands_still: null, free_bytes: 9e9, lasts_s: 9000 });
+    recording.push(text('recorded'), document.getElementById('recording').textContent.split('. ').pop());
     showRecording(null);
     recording.push(text('recorded'));
     showWho('Ana Müller', null);
@@ -111,7 +115,12 @@ const HEAD: &str = r"(() => {
 /// That one sees at the page's head whether anything is recorded and whose session it is, under the task what was agreed on, and at the pump a valve that is shut.
 fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut Browser) {
     let told = browser.evaluate(HEAD).expect("what the head of the page says");
-    assert_eq!(told["recording"], json!(["recording", "recording stands still", "not recorded"]));
+    let short = ["recording, its disk lasts 1 min 01 s more", "bad"];
+    let long = ["recording", "Its disk lasts 2.5 h more."];
+    assert_eq!(
+        told["recording"],
+        json!(["recording", "recording stands still", short[0], short[1], long[0], long[1], "not recorded"])
+    );
     assert_eq!(told["who"], json!(["trainee: Ana Müller", "replay of /b.mcap, trainee: Ana Müller", false]));
     let terms = |began: &str| format!("Seed 7. It ends: all goals are reached; after 600 s. {began}");
     let began = [terms("The time has not begun to count."), terms("The time counts from 12.3 s.")];

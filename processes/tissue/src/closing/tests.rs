@@ -44,9 +44,9 @@ fn closed_it_is_a_slit_between_canal_and_rim_and_the_rest_stays_where_it_is() {
     let mut wall: Vec<usize> = world.wall.as_flattened().iter().map(|node| *node as usize).collect();
     wall.sort_unstable();
     wall.dedup();
-    // The polyp hangs on the patient's left.
-    let is_right = |[x, _, z]: [f32; 3]| (-6e-3..0.0).contains(&x) && (20e-3..40e-3).contains(&z);
-    let middle: Vec<usize> = wall.iter().copied().filter(|node| is_right(rest_m[*node])).collect();
+    // The polyp hangs on the patient's right.
+    let is_left = |[x, _, z]: [f32; 3]| (-6e-3..0.0).contains(&x) && (20e-3..40e-3).contains(&z);
+    let middle: Vec<usize> = wall.iter().copied().filter(|node| is_left(rest_m[*node])).collect();
     assert!(middle.len() > 10, "{} nodes", middle.len());
     for node in middle {
         let (open_m, half_m) = (rest_m[node][1], shape_m[node][1] * rest_m[node][1].signum());

@@ -54,7 +54,7 @@ pub struct Brief {
     pub seed: u32,
     /// What was drawn, a sentence each.
     pub drawn: Vec<String>,
-    /// Volume of all pathology at the beginning, ml.
+    /// Volume of what is to be removed at the beginning, ml: of all pathology, but in a scene with jaws, which cut nothing, of what of it lies free.
     pub pathology_ml: f64,
     /// Middles of all pathology at the beginning, m; none in a recording of before they were noted.
     #[serde(default)]
@@ -231,7 +231,9 @@ fn mmhg(pa: f64) -> f64 {
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
     let pathologies = || scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
-    let pathology_ml: f64 = pathologies().map(volume_ml).sum();
+    let has_jaws = scene.rigid.first().is_some_and(|rigid| rigid.jaws.is_some());
+    let is_to_go = |object: &&LoadedDeformable| !has_jaws || (object.attach.is_none() && !object.is_held());
+    let pathology_ml: f64 = pathologies().filter(is_to_go).map(volume_ml).sum();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
     let goals = case.goal.iter().enumerate().map(goal).collect::<Result<_, _>>()?;
     let medium = scene.fluid.medium;

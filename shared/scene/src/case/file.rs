@@ -197,7 +197,8 @@ pub struct Goal {
     pub weight: Option<f64>,
 }
 
-/// So much of all pathology of the scene is removed: cut free, or burnt by the loop.
+/// So much of what is to be removed is removed: of all pathology of the scene, cut free or burnt by the loop; where the instrument has jaws, which cut nothing,
+/// of what of it lies free from the beginning, brought out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Removed {

@@ -32,17 +32,41 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }
 
-/// What a case that was never played has to show beyond that: the scope comes to its places, its current works where a goal needs the loop, and what is to be
-/// staunched bleeds.
+/// What a case that was never played has to show beyond that: the scope comes to its places, its current works where a goal needs the loop, jaws find
+/// something free where one needs them, and what is to be staunched bleeds.
 pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
     // Where objects are is known once they are drawn.
     reachable(case, scene, |place| place.centre_m)?;
     bleeds(case, scene)?;
+    if scene.rigid.first().is_some_and(|rigid| rigid.jaws.is_some()) {
+        return brought_out(case, scene);
+    }
     let Some([_, what, cure]) = misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) else {
         return Ok(());
     };
     match case.goal.iter().enumerate().find_map(|(index, goal)| Some((index, cutting(goal)?))) {
         Some((index, name)) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
+        None => Ok(()),
+    }
+}
+
+/// Whether jaws can do what goals ask for: they bring out what is free, cut nothing, and need no current.
+fn brought_out(case: &Case, scene: &Scene) -> Checked {
+    let is_free = |object: &Deformable| {
+        let is_on_bed = object.region.iter().any(|region| region.bed_n_m4.is_some_and(|bed_n_m4| bed_n_m4 > 0.0));
+        object.attach_to.is_none() && object.fixed.as_ref().is_some_and(Vec::is_empty) && !is_on_bed
+    };
+    let any_free = scene.deformable.iter().any(|object| object.kind == DeformableKind::Pathology && is_free(object));
+    let fault = |goal: &Goal| match cutting(goal)? {
+        "removed" if any_free => None,
+        "removed" => {
+            let cure = "give the instrument a loop in their place, or the scene a pathology with fixed = [], attached to nothing";
+            Some(("removed", "the jaws bring out what is free, and no pathology is", cure))
+        }
+        name => Some((name, "the jaws cut no piece", "give the instrument a loop in their place, or remove the goal")),
+    };
+    match case.goal.iter().enumerate().find_map(|(index, goal)| Some((index, fault(goal)?))) {
+        Some((index, (name, what, cure))) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
         None => Ok(()),
     }
 }
@@ -196,19 +220,42 @@ fn inserted(place: &Place, index: usize, scene: &Scene) -> Checked {
 mod tests {
     use super::*;
 
+    fn case(goal: &str, more: &str) -> Case {
+        let head = "version = 1\nname = \"x\"\nrung = \"bleeding\"\ntask = \"x\"\nscene = \"x\"";
+        toml::from_str(&format!("{head}\n[[goal]]\n{goal}\n{more}\n")).unwrap()
+    }
+
+    /// Goals that asked jaws to cut were accepted, and no session could reach them.
+    #[test]
+    fn with_jaws_goals_ask_for_what_lies_free_and_need_no_current() {
+        let mut scene = Scene::embedded_default().unwrap();
+        let (removed, biopsy) = ("removed = { percent = 95.0 }", "biopsy = { object = \"polyp\", at_least_ml = 0.01 }");
+        let found = |goal: &str, rules: &str, scene: &Scene| playable(&case(goal, rules), scene).map_err(|error| error.key);
+        for goal in [removed, biopsy] {
+            assert_eq!(found(goal, "", &scene), Ok(()), "a loop cuts what is held");
+        }
+        let monopolar = "[rules]\nenergy = \"monopolar\"";
+        assert_eq!(found(removed, monopolar, &scene), Err("goal[0].removed".to_owned()), "in saline");
+        scene.rigid[0] = toml::from_str("name = \"forceps\"\njaws = { mesh = \"jaw.obj\" }").unwrap();
+        for (goal, key) in [(removed, "goal[0].removed"), (biopsy, "goal[0].biopsy")] {
+            assert_eq!(found(goal, "", &scene), Err(key.to_owned()), "the polyp hangs on its wall");
+        }
+        let polyp = scene.deformable.iter_mut().find(|object| object.kind == DeformableKind::Pathology).unwrap();
+        (polyp.attach_to, polyp.fixed) = (None, Some(Vec::new()));
+        assert_eq!(found(removed, monopolar, &scene), Ok(()), "what is free is brought out without current");
+        assert_eq!(found(biopsy, "", &scene), Err("goal[0].biopsy".to_owned()));
+    }
+
     /// A goal that asked for it was accepted, and no session could reach it.
     #[test]
     fn a_bleeding_is_staunched_only_where_vessels_can_bleed_whatever_is_drawn() {
-        let case = |goal: &str, vary: &str| -> Case {
-            let head = "version = 1\nname = \"x\"\nrung = \"bleeding\"\ntask = \"x\"\nscene = \"x\"";
-            toml::from_str(&format!("{head}\n[[goal]]\n{goal}\n[[vary]]\n{vary}\n")).unwrap()
-        };
         let staunch = "staunch = { after_ml = 0.2, below_ml_min = 1.0, for_s = 5.0 }";
         let mut scene = Scene::embedded_default().unwrap();
         let mut found = |vary: &str, pressure_pa: f64, conductance_ml_s_pa: f64| {
             (scene.vessels.pressure_pa, scene.vessels.conductance_ml_s_pa) = (pressure_pa, conductance_ml_s_pa);
-            assert_eq!(playable(&case("removed = { percent = 5.0 }", vary), &scene), Ok(()), "no other goal needs vessels");
-            playable(&case(staunch, vary), &scene).map_err(|error| error.key)
+            let vary = format!("[[vary]]\n{vary}");
+            assert_eq!(playable(&case("removed = { percent = 5.0 }", &vary), &scene), Ok(()), "no other goal needs vessels");
+            playable(&case(staunch, &vary), &scene).map_err(|error| error.key)
         };
         let refused = Err("goal[0].staunch".to_owned());
         let of_scene = "vessel_spacing_m = [0.003, 0.004]";

@@ -2,7 +2,7 @@
 
 /// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
 /// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 41] = [
+pub const METRIC_KEYS: [(&str, bool); 42] = [
     ("distended", true),
     ("dark", true),
     ("outflow_shut", true),
@@ -43,5 +43,6 @@ pub const METRIC_KEYS: [(&str, bool); 41] = [
     ("alarms", false),
     ("goals", true),
     ("pathology", false),
+    ("brought_out", false),
     ("warnings", true),
 ];

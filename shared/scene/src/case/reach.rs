@@ -282,7 +282,7 @@ mod tests {
     fn the_hand_turns_to_either_side_as_far_as_to_the_farthest() {
         let mut scene = Scene::embedded_default().unwrap();
         let visit = case("[[goal]]\nvisit = { places = [\"there\"] }");
-        // 50 mm from the pivot, 30° to the patient's left, and posterior: 17 mm from where 10° lead to.
+        // 50 mm from the pivot, 30° to the patient's right, and posterior: 17 mm from where 10° lead to.
         for middle_m in [[0.025, 0.0, 0.0433], [0.0, -0.025, 0.0433]] {
             (scene.workspace.pitch_deg, scene.workspace.yaw_deg) = ([0.0, 5.0], [-35.0, 10.0]);
             assert_eq!(reachable(&visit, &scene, |_| Some(middle_m)), Ok(()), "{middle_m:?}");

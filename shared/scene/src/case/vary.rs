@@ -47,7 +47,7 @@ pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Seats, Vec<Str
         }
     }
     mirror::scene(scene, seats.mirrored);
-    let words = ["what the scene has on the patient's left is on the right", "what the scene has anterior is posterior"];
+    let words = ["what the scene has on the patient's right is on the left", "what the scene has anterior is posterior"];
     let mirrored = words.into_iter().zip(seats.mirrored).filter(|(_, is)| *is);
     drawn.extend(mirrored.map(|(words, _)| format!("mirrored: {words}")));
     (seats, drawn)

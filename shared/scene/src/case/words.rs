@@ -7,7 +7,7 @@ use std::fmt;
 impl fmt::Display for Brief {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(out, "case: {}", self.task.trim().replace('\n', " "))?;
-        writeln!(out, "  seed {}, {:.3} ml of pathology", self.seed, self.pathology_ml)?;
+        writeln!(out, "  seed {}, {:.3} ml of pathology to be removed", self.seed, self.pathology_ml)?;
         self.drawn.iter().try_for_each(|drawn| writeln!(out, "  drawn: {drawn}"))?;
         self.goals.iter().try_for_each(|goal| writeln!(out, "  goal: {}", goal.words))?;
         self.end.words().iter().try_for_each(|end| writeln!(out, "  ends: {end}"))?;

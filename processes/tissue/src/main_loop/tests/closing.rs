@@ -91,15 +91,15 @@ fn with_session(name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Session<'_
 #[test]
 fn without_pressure_the_walls_come_together_and_with_it_they_are_where_they_were() {
     with_session("closes", [0.0, 0.0, -0.2], |session| {
-        // The polyp hangs on the patient's left.
-        let (right, body) = (-6e-3..0.0, 20e-3..40e-3);
+        // The polyp hangs on the patient's right.
+        let (left, body) = (-6e-3..0.0, 20e-3..40e-3);
         session.go(HIGH_PA, 20);
         let before = session.now.clone();
-        let [open_m, _] = ends(&session.halves_m(right.clone(), body.clone()));
+        let [open_m, _] = ends(&session.halves_m(left.clone(), body.clone()));
         assert!(open_m > 3e-3, "{open_m} m");
         session.go(LOW_PA, TICKS);
         assert_eq!(core_of(&session.now).closed, 1.0);
-        let [least_m, most_m] = ends(&session.halves_m(right.clone(), body.clone()));
+        let [least_m, most_m] = ends(&session.halves_m(left.clone(), body.clone()));
         println!(
             "{:.2} to {:.2} mm from the middle, {:.1} µJ at most",
             1e3 * least_m,

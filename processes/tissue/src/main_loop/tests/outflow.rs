@@ -11,7 +11,7 @@ const HOLDS: u64 = 400;
 const GOES: u64 = 500;
 /// How fast it goes, m/s.
 const BACK_M_S: f32 = 0.02;
-/// Where the middle of the large piece is put, m: in the middle of the cavity, to the patient's right; and how far to the left of it the shaft lies.
+/// Where the middle of the large piece is put, m: in the middle of the cavity, to the patient's left; and how far to the right of it the shaft lies.
 const OPEN_M: Vec3 = Vec3::new(-0.004, 0.0, 0.03);
 const BESIDE_M: f32 = 0.0075;
 

@@ -194,7 +194,7 @@ fn a_cut_into_the_wall_removes_nothing() {
     let (skin, electrode) = (&world.body.skin, world.case.electrode.as_ref().expect("the default instrument has a loop"));
     let object = |vertex: usize| world.body.rest.regions[skin.bindings[vertex].tet as usize];
     let wall = (0..skin.rest_m.len()).filter(|vertex| !world.case.is_pathology(&world.body, object(*vertex)));
-    // The polyp hangs on the patient's left, which is +x.
+    // The polyp hangs on the patient's right, which is +x.
     let [x, y, z] = wall.map(|vertex| skin.rest_m[vertex]).min_by(|one, other| one[0].total_cmp(&other[0])).unwrap();
     let mut now = first_state(&mut main);
     for tick in 1..=SWEEP {
