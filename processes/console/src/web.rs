@@ -286,12 +286,13 @@ mod tests {
     }
 
     #[test]
-    fn each_alarm_of_the_pump_is_told_with_the_meaning_that_the_handbook_gives_it() {
+    fn each_alarm_of_the_pump_is_told_with_the_meaning_and_the_cure_that_the_handbook_gives_it() {
         let handbook = include_str!("../../../docs/handbook.md");
         for (_, name) in PUMP_ALARMS.iter().filter(|(bit, _)| bit & PUMP_NOTICES == 0) {
             let row = handbook.lines().find_map(|line| line.strip_prefix(&format!("| {name} | "))).unwrap();
-            let meaning = row.split(" |").next().unwrap();
-            assert!(PAGE.contains(&format!("'{name}': '{meaning}',")), "{name}: {meaning}");
+            let mut cells = row.split(" |").map(str::trim);
+            let (meaning, cure) = (cells.next().unwrap(), cells.next().unwrap());
+            assert!(PAGE.contains(&format!("'{name}': ['{meaning}', '{cure}'],")), "{name}: {meaning}, {cure}");
         }
     }
 
