@@ -49,19 +49,19 @@ pub struct Outcome {
     pub control: Option<Lost>,
 }
 
-/// What of a report is read.
-#[derive(Default, Deserialize)]
-#[serde(default)]
-struct Report {
-    faults: Vec<Outcome>,
-}
-
 /// The newest faults of a station, the newest first.
 pub fn read(station: &Station) -> Vec<Outcome> {
     let Ok(file) = File::open(station.report()) else { return Vec::new() };
     let mut text = Vec::new();
     let _ = file.take(MOST_BYTES).read_to_end(&mut text); // what is cut is no report
     newest(&text)
+}
+
+/// What of a report is read.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Report {
+    faults: Vec<Outcome>,
 }
 
 fn newest(text: &[u8]) -> Vec<Outcome> {

@@ -110,9 +110,13 @@ const HEAD: &str = r"(() => {
         showLeft(10001);
         return text('left');
     });
+    const unseen = [0, 12.34].map(unseen_s => {
+        showCase({ ...told, unseen_s });
+        return text('unseen');
+    });
     showCase(told);
     showLeft(10001);
-    return { recording, who, terms, pump, left, limit };
+    return { recording, who, terms, pump, left, limit, unseen };
 })()";
 
 /// That one sees at the page's head whether anything is recorded and whose session it is, under the task what was agreed on, and at the pump a valve that is shut.
@@ -126,6 +130,8 @@ fn assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser: &mut
     assert_eq!(told["limit"], ", at most 1000");
     assert_eq!(told["left"], json!([false, "Time left: 1 min 01 s"]));
     assert_eq!(told["pump"], json!(["85 ml/min", "0 ml/min, shut"]));
+    let unseen = "For 12.3 s this page was gone and judged nothing: goals and warnings of that time may be missing here. The report has them.";
+    assert_eq!(told["unseen"], json!([false, unseen]));
 }
 
 /// What of the page is wider than its place: the page itself, its parts, and the table, which alone may be moved sideways, on a phone.
