@@ -91,8 +91,9 @@ impl Referee {
             }
             judge.tick(record);
         });
-        if next.is_some_and(|next| judge.last_tick >= next) {
-            self.unseen_ticks += gone_ticks;
+        // No more than it went on by: what a damaged ring says of its end is no time that has been.
+        if let Some(next) = next.filter(|next| judge.last_tick >= *next) {
+            self.unseen_ticks = self.unseen_ticks.saturating_add(gone_ticks.min(judge.last_tick - next));
         }
         let now_ns = system::now_ns();
         if now_ns >= self.kept_ns + KEEP_NS {
