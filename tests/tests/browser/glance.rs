@@ -263,7 +263,8 @@ fn assert_another_console_takes_nothing_away(browser: &mut Browser) {
     );
 }
 
-/// A warning that falls after another one, and stands before it in the case: whether the other keeps its line, and what both say. Then with neither.
+/// A warning that falls after another one, and stands before it in the case: whether the other keeps its line, and what both say. Then with neither, and what is said
+/// of a goal on its way and of one that is reached.
 const WARNINGS: &str = r"(() => {
     const told = (...counts) => {
         const warnings = counts.map((count, index) => ({ words: `warning ${index}`, count, stands: false, at_s: count ? [3] : [] }));
@@ -272,15 +273,22 @@ const WARNINGS: &str = r"(() => {
     };
     const [before] = told(0, 1);
     const after = told(2, 1);
-    return [after[1] === before, after.map(item => item.textContent), told(0, 0).length, document.querySelectorAll('#goals li').length];
+    const goal = (state, progress) => {
+        const goals = [{ words: 'look', state, called_for: true, called_off: false, progress, at_s: state === 'open' ? null : 4 }];
+        showCase({ name: 'A case', task: 'Do it.', ended: null, goals, warnings: [] });
+        return document.getElementById('come').textContent;
+    };
+    const goals = [goal('open', 0.3), goal('open', 0.6), goal('reached', 1), goal('reached', 1)];
+    return [after[1] === before, after.map(item => item.textContent), told(0, 0).length, document.querySelectorAll('#goals li').length, goals];
 })()";
 
-/// That events which were there before the page are not read aloud, later ones are, and of two warnings only the one that is new.
+/// That events which were there before the page are not read aloud, later ones are, of two warnings only the one that is new, and of a goal that it is reached.
 fn assert_what_is_read_aloud_is_what_is_new(browser: &mut Browser) {
     let live = "document.getElementById('said').getAttribute('aria-live')";
     browser.wait("that events are read aloud from now on", live, |live| (live == "polite").then_some(()));
     let lines = json!(["warning 0 (first at 3.0 s, 2 times)", "warning 1 (first at 3.0 s)"]);
-    assert_eq!(browser.evaluate(WARNINGS), Some(json!([true, lines, 0, 0])));
+    let goals = json!(["", "", "look: reached at 4.0 s", "look: reached at 4.0 s"]);
+    assert_eq!(browser.evaluate(WARNINGS), Some(json!([true, lines, 0, 0, goals])));
 }
 
 /// Which fields the form of the faults has by kind, and whom it names: one that was chosen and cannot be meant any more leaves nobody, so that nothing is sent.
