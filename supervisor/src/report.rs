@@ -17,20 +17,15 @@ use hyst_messages::page::{device, fluid, rendering, tissue};
 use hyst_messages::{Role, Slot, percentile_ns};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-
-fn path(station: &Station) -> PathBuf {
-    station.root().join("report.json")
-}
 
 /// Leaves the report for the guardian.
 pub fn hand_over(station: &Station, report: &Value) {
-    let _ = whole::write(&path(station), report.to_string().as_bytes()); // tried again in a second
+    let _ = whole::write(&station.report(), report.to_string().as_bytes()); // tried again in a second
 }
 
 /// The report that the supervisor handed over last, with the bounds of the excess; an empty object if there is none.
 pub fn take(station: &Station) -> Value {
-    let text = std::fs::read_to_string(path(station)).unwrap_or_default();
+    let text = std::fs::read_to_string(station.report()).unwrap_or_default();
     let mut report = serde_json::from_str(&text).unwrap_or_else(|_| json!({}));
     arms::bound_all(&mut report);
     report

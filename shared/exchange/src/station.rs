@@ -141,6 +141,10 @@ impl Station {
     pub fn judged(&self) -> PathBuf {
         self.root.join("judged.json")
     }
+    /// The supervisor's report so far, as JSON, once a second.
+    pub fn report(&self) -> PathBuf {
+        self.root.join("report.json")
+    }
 
     /// Makes root, pages and link configuration. The root must not exist.
     pub fn found(&self) -> Result<(), StationError> {
