@@ -93,7 +93,7 @@ impl Solver {
     /// A port with what the pump moves through it.
     fn mouth_of(&self, port: &Port, plan: &Plan) -> Mouth {
         let total: f32 = plan.inputs.ports.iter().filter(|other| other.inflow == port.inflow).map(|other| other.share).sum();
-        // With the roller's beat; a flow that would turn for it stands still, and the walls take what is left of it.
+        // With the roller's beat, which turns no flow but by what was rounded.
         let (pump, beat) = (&plan.pump, &plan.pump.beat);
         let (in_ml_s, out_ml_s) = ((pump.in_ml_s + beat.in_ml_s).max(0.0), (pump.out_ml_s + beat.out_ml_s).max(0.0));
         let flow_ml_s = if port.inflow { in_ml_s } else { -out_ml_s };
