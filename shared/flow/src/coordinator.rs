@@ -122,7 +122,7 @@ impl Solver {
         let (inputs, neutralised) = inputs.neutralised();
         let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
         let dt_s = f64::from(inputs.dt_s);
-        plan.inputs = inputs;
+        (plan.inputs, plan.step) = (inputs, c.report.step);
         let bled_ml = bleed(&self.model.blood, &self.model.pump, &inputs, c.pump.cavity_ml, dt_s, &mut c.blood);
         plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
         let from = c.pump;
