@@ -90,6 +90,7 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     let (pump, cavity) = (&figures.pump, &figures.cavity);
     model.pump = PumpModel {
         container_ml: figures.container_ml.into(),
+        deficit_alarm_ml: figures.deficit_alarm_ml,
         max_flow_ml_s: pump.max_flow_ml_min / 60.0,
         inflow_ml_s_pa: pump.inflow_ml_s_pa,
         outflow_ml_s_pa: pump.outflow_ml_s_pa,
