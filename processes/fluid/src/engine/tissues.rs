@@ -27,7 +27,7 @@ pub(super) struct Tissues {
     in_use: Option<Held>,
     /// A newer state, whose topology is not there yet.
     awaited: Option<Held>,
-    /// The latest tick of which a state was refused.
+    /// The latest tick of which a state was not taken.
     refused_tick: Option<u64>,
 }
 
@@ -58,6 +58,8 @@ enum Found {
     Newer((u32, u64)),
     /// An older one, or one that was computed beside the role.
     Other,
+    /// One of a later tick, this one, under an epoch before: nobody goes on from it.
+    Fenced(u64),
     /// One that cannot be; its tick, where it says one that can.
     Unfit(Option<u64>),
 }
@@ -90,6 +92,7 @@ impl Tissues {
                 match found(&held, key, &is_ahead) {
                     Found::Newer(newer) => (key, self.awaited) = (Some(newer), Some(held)),
                     Found::Other => {}
+                    Found::Fenced(tick) => self.refused_tick = self.refused_tick.max(Some(tick)),
                     Found::Unfit(tick) => {
                         life.page.add64(header::INVALID, 1);
                         // Without a tick it is that of the holder's last step, which it has sent before the sequencer says its tick.
@@ -170,8 +173,10 @@ fn found(held: &Held, key: Option<(u32, u64)>, is_ahead: &impl Fn((u32, u64)) ->
     let Ok(state) = Message::parse(held.bytes(), Kind::TissueState) else { return Found::Unfit(None) };
     let (epoch, tick) = (state.header().epoch, state.header().tick);
     match () {
-        () if state.header().is_shadow() || Some((epoch, tick)) <= key => Found::Other,
+        () if state.header().is_shadow() => Found::Other,
         () if is_ahead((epoch, tick)) => Found::Unfit(None),
+        () if key.is_some_and(|key| epoch < key.0 && tick > key.1) => Found::Fenced(tick),
+        () if Some((epoch, tick)) <= key => Found::Other,
         () if !is_sane(&state) => Found::Unfit(Some(tick)),
         () => Found::Newer((epoch, tick)),
     }

@@ -111,7 +111,7 @@ fn tick_in_use(tissues: &Tissues) -> Option<u64> {
 /// It stood the whole run still: the step waited for a state that it would never take.
 #[test]
 fn a_state_that_is_refused_has_come_and_the_one_before_stays_in_use_with_its_tick() {
-    on_a_bench(|bench, _| {
+    on_a_bench(|bench, station| {
         let mut tissues = bench.tissues();
         bench.send_topology(0, 1, TOPOLOGY);
         let mut after = |tick: u64, sent: &dyn Fn()| {
@@ -134,6 +134,11 @@ fn a_state_that_is_refused_has_come_and_the_one_before_stays_in_use_with_its_tic
         assert_eq!(after(198, &|| bench.send(0, 198, 0.0, as_it_is)), (Some(198), [true, false], 5), "the next good one is used");
         let beside = |header: &mut StreamHeader| header.epoch = 0;
         assert_eq!(after(231, &|| bench.send(0, 231, 0.0, beside)), (Some(198), [false, false], 5), "beside the role");
+        let holder = Tenure { epoch: 1, incarnation: HOLDER };
+        Roster::open(station).unwrap().promote(Role::Tissue, holder, HOLDER).unwrap();
+        let of_second = |header: &mut StreamHeader| header.epoch = 2;
+        assert_eq!(after(264, &|| bench.send(0, 264, 0.0, of_second)), (Some(264), [true, false], 5));
+        assert_eq!(after(297, &|| bench.send(0, 297, 0.0, as_it_is)), (Some(264), [true, false], 5), "of the epoch before");
     });
 }
 
