@@ -186,6 +186,8 @@ pub struct LoadedFluid {
     pub rest_pressure_pa: f32,
     /// What a container of medium holds, ml.
     pub container_ml: f32,
+    /// Deficit at which the pump gives alarm, ml: what a case allows; `None` is the pump's own for the medium.
+    pub deficit_alarm_ml: Option<f64>,
     /// The pump, its tubes and the sheath.
     pub pump: Pump,
     /// How the cavity gives way.
@@ -212,6 +214,7 @@ impl LoadedFluid {
             set_pressure_pa: fluid.set_pressure_pa as f32,
             rest_pressure_pa: fluid.rest_pressure_pa.unwrap_or(fluid.set_pressure_pa) as f32,
             container_ml: fluid.container_ml.unwrap_or(CONTAINER_ML) as f32,
+            deficit_alarm_ml: None,
             pump: fluid.pump.unwrap_or_default(),
             cavity: fluid.cavity.unwrap_or_default(),
             viscosity_pa_s: fluid.viscosity_pa_s as f32,
