@@ -24,7 +24,7 @@ pub mod tolerance;
 mod topology;
 
 pub use admission::Admission;
-pub use controls::Switch;
+pub use controls::{PA_PER_MMHG, Switch};
 pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
 pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
