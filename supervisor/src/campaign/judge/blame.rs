@@ -4,15 +4,12 @@ use crate::campaign::cell::{Cell, May};
 use crate::campaign::file::Campaign;
 use crate::campaign::outcome::{Counters, Outcome};
 use crate::campaign::station::StationOutcome;
-use crate::fault::Fault;
+use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::Keepers;
 use std::collections::BTreeMap;
 
 /// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.
 const RING_TICKS: u64 = 4_096;
-
-/// The kind of a fault that nobody injected.
-const EXTERNAL: &str = "external";
 
 /// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
 const STATE_TICKS: u64 = 100;

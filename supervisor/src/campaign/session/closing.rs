@@ -156,7 +156,7 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
         return keepers::is_of(fault, keepers, asked.sent_ns);
     }
     let role = |name: &str| name.split(':').next().map(str::to_string);
-    fault.kind == injection.kind.name()
+    fault.is(injection.kind)
         && role(&fault.target) == role(&injection.target)
         && (asked.sent_ns..=asked.by_ns).contains(&fault.injected_ns)
 }
