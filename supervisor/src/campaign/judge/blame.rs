@@ -6,10 +6,8 @@ use crate::campaign::outcome::{Counters, Outcome};
 use crate::campaign::station::StationOutcome;
 use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::Keepers;
+use hyst_recording::sequence::RING_TICKS;
 use std::collections::BTreeMap;
-
-/// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.
-const RING_TICKS: u64 = 4_096;
 
 /// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
 const STATE_TICKS: u64 = 100;
@@ -55,6 +53,7 @@ impl<'a> Blame<'a> {
             }
             for (first, last) in &station.lost {
                 let lost = last.saturating_sub(*first) + 1;
+                // So long after a fault the recorder may still lose what lay in the device's ring.
                 match suspect(&here, *first, *last, RING_TICKS) {
                     Some(outcome) => *blame.lost.entry(outcome.index).or_default() += lost,
                     None if is_judged => blame.lost_elsewhere += lost,
