@@ -166,10 +166,8 @@ impl Faults {
 
     fn start(&mut self, kind: &str, slot: Slot, incarnation: u32, injected_ns: u64) -> &mut Fault {
         let tick = self.tick_at(injected_ns);
-        let active = match slot.role() {
-            Role::Haptic | Role::Tissue | Role::Fluid => self.active.active_at(injected_ns, slot.role()) == incarnation,
-            _ => true,
-        };
+        let role = slot.role();
+        let active = !role.is_replicated() || self.active.active_at(injected_ns, role) == incarnation;
         let index = self.open.faults.len();
         self.open.faults.push(Fault {
             kind: kind.into(),

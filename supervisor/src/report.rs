@@ -71,7 +71,7 @@ fn process(account: &Account) -> Value {
 pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: &State) -> Value {
     let mut processes: Map<String, Value> =
         accounts.slots.iter().map(|(name, account)| (name.clone(), process(account))).collect();
-    for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+    for role in Role::REPLICATED {
         let active = active_slot(viewer, faults, role);
         if let Some(row) = active.and_then(|slot| processes.get(&slot.to_string())).cloned() {
             processes.insert(role.name().into(), row);

@@ -1,6 +1,5 @@
 //! Whom a fault is for: engines, by role and place, or those who keep the station.
 
-use crate::policy::is_replicated;
 use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +35,7 @@ impl Target {
         let which = match which {
             "active" => Which::Active,
             "spare" if role.is_indexed() => Which::Spare,
-            "both" if is_replicated(role) => Which::Both,
+            "both" if role.is_replicated() => Which::Both,
             "newcomer" => Which::Newcomer,
             index => Which::Slot(Slot::new(role, index.parse().ok()?)?),
         };

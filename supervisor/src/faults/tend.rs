@@ -50,7 +50,7 @@ impl Faults {
     }
 
     pub(super) fn note_active(&mut self, now_ns: u64, viewer: &mut Viewer) {
-        for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+        for role in Role::REPLICATED {
             let device = viewer.slot_page(Slot::first(Role::Device));
             let incarnation = active_now(&self.station, &self.roster, device, role);
             self.active.note(now_ns, role, incarnation);
