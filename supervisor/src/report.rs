@@ -1,4 +1,4 @@
-//! The report of a run, as JSON with the keys that design.md fixes, and the statistics of its faults.
+//! The report of a run, as JSON whose keys stay what they are, and the statistics of its faults.
 //!
 //! The supervisor hands it over in a file in the station's root once a second and at the end; the guardian adds what is left over after
 //! everything has stopped, with the bounds of the excess, and writes it where the user wants it.
