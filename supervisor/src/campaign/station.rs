@@ -145,7 +145,8 @@ impl StationOutcome {
         }
         (self.deficit_jumps, self.last_step_max_n) = (deficit.jumps(), last.step_max_n());
         (self.recorded_ticks, self.repeated_ticks) = (continuity.ticks, continuity.repeated);
-        let beyond = self.ticks.saturating_sub(continuity.ticks + continuity.lost() + continuity.unmade);
+        let beyond =
+            self.ticks.saturating_sub(continuity.ticks).saturating_sub(continuity.lost()).saturating_sub(continuity.unmade);
         self.missing_ticks = continuity.missing().max(if beyond > MOST_UNRECORDED { beyond } else { 0 });
         self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
         if !matches!(reader.ending(), Some(Ending::Complete)) {

@@ -131,7 +131,7 @@ fn push(bench: &mut Bench, begun: u64, most_n: f32) -> Result<String, String> {
     if (entries.len() as f64) < ticks as f64 * (1.0 - FEW) / 2.0 {
         return Err(format!("its ledger has {} entries for {ticks} ms", entries.len()));
     }
-    let is_followed = |entry: &&LedgerEntry| entry.force_tick > begun && entry.station_tick < entry.force_tick + 10;
+    let is_followed = |entry: &&LedgerEntry| entry.force_tick > begun && entry.station_tick < entry.force_tick.saturating_add(10);
     let followed = entries.iter().filter(is_followed).count();
     if (followed as f64) < entries.len() as f64 * (1.0 - FEW) {
         return Err(format!("of {} of its ticks only {followed} had a new command", entries.len()));
