@@ -157,9 +157,13 @@ impl Fault {
         self.recovered_us = Some(us(at_ns, self.injected_ns));
     }
 
+    fn is_of_servo(&self) -> bool {
+        Role::name_in(&self.target) == Role::Haptic.name()
+    }
+
     /// Both servos at once: nobody is left who computes a force, and it fades.
     fn is_of_both_servos(&self) -> bool {
-        self.together && self.target.split(':').next() == Some(Role::Haptic.name())
+        self.together && self.is_of_servo()
     }
 
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
@@ -170,8 +174,7 @@ impl Fault {
 
     /// The station tick at which a servo that was hit had recovered; `None` of any other process.
     fn servo_until(&self) -> Option<u64> {
-        let is_servo = self.target.split(':').next() == Some(Role::Haptic.name());
-        self.recovered_us.filter(|_| is_servo).map(|us| self.tick + whole_ticks(us))
+        self.recovered_us.filter(|_| self.is_of_servo()).map(|us| self.tick + whole_ticks(us))
     }
 
     /// Ticks at which the hand was given what this servo made while it did wrong. The last hop lets nothing through that is not finite or too large, so the

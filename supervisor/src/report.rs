@@ -166,7 +166,7 @@ fn arm([ticks, missed, voided]: [u64; 3]) -> Value {
 fn by_target(faults: &Faults) -> Value {
     let mut groups: BTreeMap<String, Vec<&Fault>> = BTreeMap::new();
     for fault in &faults.closed {
-        let role = fault.target.split(':').next().unwrap_or("");
+        let role = Role::name_in(&fault.target);
         let indexed = Role::from_name(role).is_some_and(Role::is_indexed) && role != Role::CollisionWorker.name();
         let name = match (indexed, fault.active) {
             (false, _) => role.to_string(),

@@ -94,6 +94,11 @@ impl Role {
         Role::ALL.into_iter().find(|role| role.name() == name)
     }
 
+    /// What names the role in the name of a slot (`haptic:1`) or of whom else (`tissue:active`): all that stands before a colon.
+    pub fn name_in(text: &str) -> &str {
+        text.split(':').next().unwrap_or(text)
+    }
+
     /// Whether the role is written with an index (`haptic:0`) because it may have several processes.
     pub const fn is_indexed(self) -> bool {
         self.is_replicated() || matches!(self, Role::CollisionWorker)
@@ -207,6 +212,7 @@ mod tests {
                 assert!(!taken[slot.number()], "{slot} overlaps");
                 taken[slot.number()] = true;
                 assert_eq!(Slot::parse(&slot.to_string()), Some(slot));
+                assert_eq!(Role::name_in(&slot.to_string()), role.name());
                 assert_eq!((slot.role(), slot.index()), (role, index));
                 assert_eq!(Slot::from_number(slot.number()), Some(slot));
             }

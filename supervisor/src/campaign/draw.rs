@@ -128,7 +128,7 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
 /// How long after the other fault one comes that falls into its recovery. Who is to do wrong itself does it in its next step, and that may have begun: it
 /// has two of them for it, or nothing had happened yet that the second fault could fall into.
 fn draw_with_ticks(cell: &Cell, draw: &mut Draw) -> u64 {
-    let role = cell.with.as_ref().and_then(|with| Role::from_name(with.target.split(':').next()?));
+    let role = cell.with.as_ref().and_then(|with| Role::from_name(Role::name_in(&with.target)));
     let is_asked = |with: &Injection| with.kind.mischief().is_some() && with.kind.signal().is_none();
     let least = if cell.with.as_ref().is_some_and(is_asked) { 2 * role.map_or(0, period_ticks) } else { 0 };
     let most = if role == Some(Role::Haptic) { MOST_WITH_SERVO_TICKS } else { least + MOST_WITH_TICKS };

@@ -226,7 +226,7 @@ fn active(role: Role, private: &mut Private) -> Result<ProcessView, String> {
     loop {
         wait_until(private, role, BACK_WITHIN_NS, |_| true).map_err(|refusal| refusal.message)?;
         let view = Viewer::open(&private.station).map_err(|error| error.to_string())?.look();
-        let is_it = |process: &ProcessView| process.active && process.name.split(':').next() == Some(role.name());
+        let is_it = |process: &ProcessView| process.active && Role::name_in(&process.name) == role.name();
         if let Some(active) = view.processes.into_iter().find(is_it) {
             return Ok(active);
         }
