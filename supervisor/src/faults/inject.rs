@@ -54,7 +54,7 @@ impl Faults {
         shortage::check(&self.station, kind)?;
         let at_once = injection.tick == 0 || viewer.page().is_lockstep(); // a virtual clock stands still meanwhile
         let phase_ns = u64::from(injection.phase_us) * 1_000;
-        let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick) + phase_ns };
+        let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick).saturating_add(phase_ns) };
         if moment_ns.saturating_sub(system::now_ns()) <= moment::MOST_AHEAD_NS {
             system::sleep_until_ns(moment_ns.saturating_sub(AIM_NS));
         }
