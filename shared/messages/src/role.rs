@@ -114,6 +114,11 @@ impl Role {
         self.is_among(&Role::REPLICATED)
     }
 
+    /// Whether it is an engine, which may be hurt, swapped and left to whoever comes after it: not the ruler, nor who keeps the station.
+    pub const fn is_engine(self) -> bool {
+        !matches!(self, Role::Hardware | Role::Supervisor | Role::Guardian)
+    }
+
     const fn is_among(self, roles: &[Role]) -> bool {
         let mut at = 0;
         while at < roles.len() {

@@ -7,8 +7,9 @@
 use super::cell::Cell;
 use super::file::Campaign;
 use super::stage::Place;
-use crate::faultfile::Injection;
+use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::STEADY_TICKS;
+use crate::suspicion::is_real_time;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
@@ -149,14 +150,14 @@ fn period_ticks(role: Role) -> u64 {
 /// Ticks that the recovery from a fault takes at least beyond the gap. Not what it may take: a fault whose tick has passed comes as soon as the
 /// station is whole and has been quiet, and a plan that leaves more room than is needed costs that room each time.
 fn room_ticks(cell: &Cell) -> u64 {
-    let is_slow = !matches!(cell.role(), "device" | "haptic" | "tissue" | "collision-worker");
-    match (is_slow, cell.injection.kind.name()) {
+    let is_slow = !Role::from_name(cell.role()).is_some_and(is_real_time);
+    match cell.injection.kind {
         // Growth is found after some seconds, a start that hangs after many, and the control window is as long as that.
-        (_, "leak-memory" | "leak-files") => 6_000,
-        (_, "hang-start") => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
-        (_, "slow" | "no-files") => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
-        (true, _) => 300,
-        (false, _) => 0,
+        FaultKind::LeakMemory | FaultKind::LeakFiles => 6_000,
+        FaultKind::HangStart => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
+        FaultKind::Slow | FaultKind::NoFiles => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
+        _ if is_slow => 300,
+        _ => 0,
     }
 }
 

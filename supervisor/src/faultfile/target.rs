@@ -31,7 +31,7 @@ impl Target {
     /// Reads a target; an indexed role without a word after the colon means the active one.
     pub fn parse(text: &str) -> Option<Target> {
         let (name, which) = text.split_once(':').unwrap_or((text, "active"));
-        let role = Role::from_name(name).filter(|role| !matches!(role, Role::Hardware | Role::Guardian | Role::Supervisor))?;
+        let role = Role::from_name(name).filter(|role| role.is_engine())?;
         let which = match which {
             "active" => Which::Active,
             "spare" if role.is_indexed() => Which::Spare,
