@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{bytes_of, fluid, record};
 use hyst_assessment::{Assessment, EndedBy, Judge, Sessions, assess, html, json, text};
-use hyst_messages::{BUTTON_ENERGIZED, HardwareSample};
+use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, PA_PER_MMHG};
 use hyst_recording::{Block, Reader};
 use serde_json::{Value, json};
 use std::io::Cursor;
@@ -62,7 +62,7 @@ fn it_begins_with_the_first_tick_that_shows_a_hand() {
         ("inflow", |sample| sample.controls.inflow_valve = 0.9),
         ("outflow", |sample| sample.controls.outflow_valve = 0.0),
         ("light", |sample| sample.controls.light = 0.3),
-        ("pressure", |sample| sample.controls.set_pressure_pa -= 5.0 * 133.322),
+        ("pressure", |sample| sample.controls.set_pressure_pa -= 5.0 * PA_PER_MMHG as f32),
         ("focus", |sample| sample.controls.focus_m /= 1.15),
         ("loop", |sample| sample.controls.loop_extension_m = 0.002),
     ];

@@ -8,7 +8,7 @@ use crate::coordinator::MAX_SWEEPS;
 use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::{Grid, Layout};
-use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
+use crate::inputs::{FlowInputs, MAX_SOURCES, tame, tame_place};
 use crate::kernels::wide;
 use crate::model::BloodModel;
 use crate::plan::{Exit, Plan};
@@ -41,9 +41,7 @@ pub struct BloodSource {
 impl BloodSource {
     pub(crate) fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.position_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.position_m, &mut count);
         tame(&mut self.opening, 0.0, MOST_OPENING, 0.0, &mut count);
         if count > 0 {
             self.opening = 0.0;

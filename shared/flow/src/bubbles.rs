@@ -7,7 +7,7 @@
 use crate::blood::{Particle, drawn, velocity_at};
 use crate::coordinator::{Coordinator, MAX_SWEEPS};
 use crate::error::FlowError;
-use crate::inputs::{FlowInputs, tame};
+use crate::inputs::{FlowInputs, tame, tame_place};
 use crate::model::range;
 use crate::plan::Plan;
 use crate::room::{LEAP_CELLS, Room};
@@ -77,9 +77,7 @@ pub struct GasSource {
 impl GasSource {
     pub(crate) fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.position_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.position_m, &mut count);
         tame(&mut self.flow_ml_s, 0.0, 10.0, 0.0, &mut count);
         if count > 0 {
             self.flow_ml_s = 0.0;

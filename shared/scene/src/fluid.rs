@@ -6,6 +6,8 @@ use crate::validate::{Checked, range};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Pascal per millimetre of mercury.
+pub const PA_PER_MMHG: f64 = 133.322;
 /// Most cells of the fluid's grid: four million cells are 0.3 GB of fields.
 const MAX_CELLS: u64 = 4_000_000;
 /// What a container holds where the scene says nothing, ml: a bag of 3 l.
@@ -123,7 +125,7 @@ pub struct CavityCurve {
 
 impl Default for CavityCurve {
     fn default() -> Self {
-        CavityCurve { volume_ml: 8.0, parting_pa: 40.0 * 133.322, parting_ml: 0.5 }
+        CavityCurve { volume_ml: 8.0, parting_pa: 40.0 * PA_PER_MMHG, parting_ml: 0.5 }
     }
 }
 
