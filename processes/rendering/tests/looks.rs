@@ -240,3 +240,25 @@ fn large_vessels_run_over_a_myoma() {
     println!("{myoma} of a myoma is a vessel to be seen from afar, {polyp} of a polyp");
     assert!(myoma > 1.6 * polyp && (0.02..0.15).contains(&myoma), "{polyp} {myoma}");
 }
+
+#[test]
+fn a_coagulated_spot_is_charred_in_the_middle_white_about_it_and_fades_into_the_lining() {
+    let view = close_up(0.008);
+    let marked = |r: &mut Renderer| {
+        lining(r);
+        r.stage().set_spots(CAVITY, &[[0.0, 0.0, 0.008, 0.003]]).expect("it is there");
+    };
+    let Some(spot) = shot(PLAIN, &view, marked) else { return };
+    let Some(plain) = shot(PLAIN, &view, lining) else { return };
+    // By how much it is redder and greener than the lining between these shares of its radius, which is 39 pixels.
+    let ring = |from: f32, to: f32| {
+        let radius =
+            |[x, y]: &[u32; 2]| (*x as f32 + 0.5 - 0.5 * WIDTH as f32).hypot(*y as f32 + 0.5 - 0.5 * HEIGHT as f32) / 39.0;
+        let places: Vec<[u32; 2]> = middle([58, 58]).filter(|at| (from..to).contains(&radius(at))).collect();
+        rises([&spot, &plain], &places)
+    };
+    let [core, white, rim, lining] = [ring(0.0, 0.15), ring(0.40, 0.55), ring(0.70, 0.95), ring(1.25, 1.45)];
+    println!("red and green: core {core:?}, white {white:?}, rim {rim:?}, lining {lining:?}");
+    assert!(core[0] < -12.0 && core[1] < 0.6 * white[1] && white[0].abs() < 8.0 && white[1] > 35.0, "{core:?} {white:?}");
+    assert!((4.0..0.5 * white[1]).contains(&rim[1]) && lining[1].abs() < 2.0, "{white:?} {rim:?} {lining:?}");
+}

@@ -158,14 +158,14 @@ fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
     return found;
 }
 
-// How much of a point contact coagulation has blanched: round spots with ragged edges.
+// How much of a point contact coagulation has cooked: spots whose ragged edges fade.
 fn blanched(rest: vec3<f32>, ragged: f32) -> f32 {
     var found = 0.0;
     for (var k = 0; k < 64; k++) {
         let mark = o.spots[k];
         if mark.w <= 0.0 { break; }
         let d = distance(rest, mark.xyz) / mark.w * (1.0 + 0.3 * ragged);
-        found = max(found, 1.0 - smoothstep(0.55, 1.1, d));
+        found = max(found, 1.0 - smoothstep(0.20, 1.15, d));
     }
     return found;
 }
@@ -254,10 +254,11 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
-    // contact coagulation: the protein turns white, and tan in the middle, where it was hottest
-    let white = blanched(in.rest, fine.w);
-    let cooked = mix(vec3<f32>(0.86, 0.78, 0.66), vec3<f32>(0.42, 0.28, 0.16), 0.35 * smoothstep(0.6, 1.0, white));
-    albedo = mix(albedo, cooked * (1.0 + 0.10 * b1.w), 0.92 * white);
+    // contact coagulation: the lining blanches, within that the protein turns white, and in the middle, where it was hottest, there are crumbs of char
+    let white = blanched(in.rest, fine.w + 0.9 * b1.w);
+    albedo = mix(albedo, vec3<f32>(0.85, 0.58, 0.49), 0.80 * smoothstep(0.0, 0.50, white));
+    albedo = mix(albedo, vec3<f32>(0.86, 0.74, 0.62) * (1.0 + 0.10 * b1.w), 0.92 * smoothstep(0.35, 0.75, white));
+    albedo = mix(albedo, vec3<f32>(0.28, 0.18, 0.115), 0.75 * smoothstep(0.72, 1.0, white) * smoothstep(-0.15, 0.25, fine.z));
 
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
