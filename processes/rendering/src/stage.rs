@@ -58,6 +58,8 @@ pub struct Appearance {
     pub external_only: bool,
     /// light that metal gives itself, 0..=1: a wire with current in it
     pub glow: f32,
+    /// burnt tissue that clings to metal, 0..=1: a wire that has cut
+    pub eschar: f32,
 }
 
 impl Appearance {
@@ -72,13 +74,14 @@ impl Appearance {
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
             Material::Flake => ([0.95, 0.80, 0.74], 0.5),
         };
-        Self { base_colour, material, roughness, external_only: false, glow: 0.0 }
+        Self { base_colour, material, roughness, external_only: false, glow: 0.0, eschar: 0.0 }
     }
 
     /// How charred it is drawn, 0..=1.
     fn charred(&self) -> f32 {
         match self.material {
             Material::Coagulated => 0.55,
+            Material::Metal => share(self.eschar, 0.0),
             _ => 0.0,
         }
     }
