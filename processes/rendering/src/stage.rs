@@ -39,7 +39,7 @@ pub enum Material {
     Coagulated,
     /// scope, sheath, loop
     Metal,
-    /// bubbles: balls whose vertices have as places at rest their directions from the middle
+    /// bubbles: balls within facets whose vertices have as places at rest those about the middle, in radii
     Gas,
     /// what drifts in the medium: it throws no shadow
     Flake,

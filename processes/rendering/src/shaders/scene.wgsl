@@ -322,6 +322,12 @@ const GAS_DARK: f32 = 0.7;                                    // share of the li
 const GAS_EDGE: f32 = 0.93;                                   // from here to the edge it fades, or that would be drawn in steps
 const GAS_GLINTS: vec2<f32> = vec2<f32>(0.35, 0.12);          // strength of the lamp's two images
 const GAS_SHARP: f32 = 220.0;                                 // their sharpness, as a lobe's power
+// Which way the skin of a ball of radius 1 looks where a ray towards `v` leaves it that goes through a place of the facets about it; beside the ball square to
+// the ray, where nothing is drawn.
+fn of_ball(place: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
+    let aside = place - v * dot(place, v);
+    return normalize(aside + v * sqrt(max(1.0 - dot(aside, aside), 0.0)));
+}
 fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f32> {
     let facing = max(dot(n, v), 1.0e-3);
     let off = sqrt(max(1.0 - facing * facing, 0.0));
@@ -398,7 +404,7 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
     let to_eye = g.eye.xyz - in.world;
     let v = normalize(to_eye);
     var n = normalize(in.normal);
-    if GAS { n = normalize(in.rest); }
+    if GAS { n = of_ball(in.rest, v); }
     if dot(n, v) < 0.0 && !(cut && !METAL && !GAS) { n = -n; }
     let to_light = g.light.xyz - in.world;
     let distance = length(to_light);
