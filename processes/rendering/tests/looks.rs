@@ -242,28 +242,31 @@ fn large_vessels_run_over_a_myoma() {
 }
 
 #[test]
-fn a_wire_that_has_cut_is_dark_with_what_has_burnt_on_it() {
+fn a_wire_that_has_cut_is_dark_with_what_has_burnt_on_it_and_glows_beside_that() {
     let view = close_up(0.006);
-    let crusted = |eschar: Option<f32>| {
+    // Eschar and glow of a loop before the lining, if there is one.
+    let seen = |wire: Option<[f32; 2]>| {
         let set = |r: &mut Renderer| {
             lining(r);
-            let Some(eschar) = eschar else { return };
+            let Some([eschar, glow]) = wire else { return };
             put(r, TOOL, &shapes::loop_ring(0.0022, 0.000_15), Material::Metal);
-            let appearance = Appearance { eschar, roughness: 0.85, ..Appearance::of(Material::Metal) };
+            let appearance = Appearance { eschar, glow, roughness: 0.85, ..Appearance::of(Material::Metal) };
             r.stage().set_appearance(TOOL, appearance).expect("it is there");
             r.stage().set_pose(TOOL, [0.0, -0.001, 0.006], [0.0, 0.0, 0.0, 1.0]).expect("it is there");
         };
         shot(Without::default(), &view, set)
     };
-    let Some(none) = crusted(None) else { return };
-    let all = [0.0, 0.5, 1.0, f32::NAN].map(|eschar| crusted(Some(eschar)).expect("as the first"));
+    let Some(none) = seen(None) else { return };
+    let wires = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [f32::NAN, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let all = wires.map(|wire| seen(Some(wire)).expect("as the first"));
     let is_wire =
         |[x, y]: &[u32; 2]| (0..3).any(|channel| pixel(&none, *x, *y)[channel].abs_diff(pixel(&all[0], *x, *y)[channel]) > 12);
-    let wire: Vec<[u32; 2]> = middle([78, 58]).filter(is_wire).collect();
-    let [clean, some, full, nonsense] = [0, 1, 2, 3].map(|index: usize| mean(&all[index], 1, wire.iter().copied()));
-    println!("{} pixels of wire, of a green of {clean} clean, {some} and {full} crusted", wire.len());
-    assert!(wire.len() > 200 && some < 0.97 * clean && full < 0.6 * clean, "{}: {clean} {some} {full}", wire.len());
-    assert!((nonsense - clean).abs() < 0.01, "{nonsense}");
+    let places: Vec<[u32; 2]> = middle([78, 58]).filter(is_wire).collect();
+    let green = all.each_ref().map(|shot| mean(shot, 1, places.iter().copied()));
+    println!("{} pixels of wire, of a green of {green:?} with eschar and glow of {wires:?}", places.len());
+    let [clean, some, full, nonsense, hot, hot_full] = green;
+    assert!(places.len() > 200 && some < 0.97 * clean && full < 0.6 * clean, "{green:?}");
+    assert!((nonsense - clean).abs() < 0.01 && hot_full > full + 30.0 && hot_full < 0.9 * hot, "{green:?}");
 }
 
 #[test]

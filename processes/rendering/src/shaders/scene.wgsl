@@ -307,9 +307,10 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
     // what burns on a wire that has cut: clumps of brown and black that shine no more
     let crust = textureSampleLevel(noise, tiled, in.rest * CRUST_PER_M, 0.0);
-    let crusted = smoothstep(0.0, 0.30, 0.5 + 0.5 * crust.w - (1.0 - 0.95 * o.extra.y));
+    let crusted = smoothstep(0.0, 0.30, 0.5 + 0.5 * crust.w - (1.0 - 0.9 * o.extra.y));
     let burnt = mix(vec3<f32>(0.035, 0.022, 0.016), vec3<f32>(0.26, 0.155, 0.085), smoothstep(-0.2, 0.7, crust.y));
-    return mix(steel, burnt * ((0.25 + 0.75 * facing) * lit), crusted) + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
+    // Where there are none the current finds its way.
+    return mix(steel, burnt * ((0.25 + 0.75 * facing) * lit), crusted) + vec3<f32>(1.8, 0.62, 0.10) * (o.extra.z * (1.0 - 0.65 * crusted));
 }
 
 // A bubble of gas in saline: its colour, and how much of what lies behind it that covers. Its middle is clear. Farther out what is behind is seen bent aside,
