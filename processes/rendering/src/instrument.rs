@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_loop_is_crusted_the_more_the_more_it_has_cut() {
-        let after = |cut: usize| crust(&[vec![0; 900], vec![1; cut]].concat());
+        let after = |cut: usize| crust(&[vec![0_u32; 900], vec![1; cut]].concat());
         assert_eq!([crust(&[]), after(0)], [0.0, 0.0]);
         let [first, many] = [30, 600].map(after);
         assert!(0.3 < first && first < 0.7 && 0.99 < many && many <= 1.0, "{first} {many}");
