@@ -237,17 +237,9 @@ impl Spawner {
         Intent::clear(&self.page);
     }
 
-    /// The station.
-    pub fn station(&self) -> &Station {
-        &self.station
-    }
     /// The plan.
     pub fn plan(&self) -> &Plan {
         &self.plan
-    }
-    /// The station's page.
-    pub fn page(&self) -> &Arc<OwnedPage> {
-        &self.page
     }
 }
 

@@ -160,11 +160,6 @@ impl Gauge {
         self.real_time
     }
 
-    /// Time for which it has been silent, as far as it counts, ns.
-    pub fn silent_ns(&self) -> u64 {
-        self.silent_ns
-    }
-
     /// A look: the newest heartbeat, the time since the look before as far as it counts, and a way to ask the kernel.
     pub fn look(&mut self, beat_ns: u64, counted_ns: u64, ask: impl FnOnce() -> Option<Thread>) -> Opinion {
         if beat_ns != self.beat_ns {
