@@ -280,7 +280,7 @@ impl Stateful for MainLoop<'_> {
         let seen = if stands.looks { self.collision.hits() } else { &[] };
         self.grasp.act(world, seen, (&hand.pose, hand.velocity_m_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
-        medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
+        let pressure = medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -292,13 +292,13 @@ impl Stateful for MainLoop<'_> {
             pairs: self.contacts.pairs(),
             holds: self.grasp.holds(),
             attachments: &world.attachments,
+            pressure,
             law: LAW,
             dt_s,
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
-        let report = step(&world.model, &mut self.scratch, from, &input, to);
-        let report = report.map_err(|error| Failure::Broken(error.to_string()))?;
+        let report = step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
         self.scratch.move_surface(&self.surface, bytemuck::cast_slice_mut(surface));
 
