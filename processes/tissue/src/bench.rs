@@ -103,7 +103,7 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
     }
     let (row, whole) = knife(scene)?;
     rows.push(row);
-    targets.push(whole);
+    targets.extend(whole);
     let truth = truth(scene)?;
     for key in ["force_apart", "displacement_apart"] {
         let name = format!("{}, share of the largest", key.replace('_', " "));
@@ -147,8 +147,9 @@ fn apart(scene: &LoadedScene, method: &str, runs: impl Fn() -> Result<felt::Apar
     }))
 }
 
-/// A row for a cut: the step is a tick in which the wire moves. And whether a cut with all that the Main Loop makes anew for it takes no more than a tick.
-fn knife(scene: &LoadedScene) -> Result<(Value, Value), String> {
+/// A row for a cut: the step is a tick in which the wire moves. And whether half of the cuts, and 95 of 100, take no more than a tick with all that the Main
+/// Loop makes anew for them.
+fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     let pass_ns = Press::new(scene, Isa::detect(), 1)?.pass_ns();
     let mut knife = knife::draw(scene, Isa::detect())?;
     let all_ns = |times: &[u64]| times.iter().sum::<u64>() as f64;
@@ -156,9 +157,13 @@ fn knife(scene: &LoadedScene) -> Result<(Value, Value), String> {
     let sum_ns = (cut_ns + model_ns + topology_ns).max(1.0);
     let (ticks, changes, tets) = (knife.cut_ns.len(), knife.model_ns.len(), knife.tets[0]);
     let (mut whole_ns, refused) = knife::whole(scene, Isa::detect())?;
-    // Without a cut nothing is shown.
-    let whole_ms = if whole_ns.is_empty() { f64::NAN } else { quantile_ns(&mut whole_ns, 0.95) / 1e6 };
-    let name = format!("a cut of {tets} tets with all that is made anew, ms, of 95 in 100");
+    let mut whole_us = spread(&mut whole_ns, US);
+    whole_us["p95"] = json!(quantile_ns(&mut whole_ns, 0.95) / US);
+    let whole = [("of half of them", 0.5), ("of 95 in 100", 0.95)].map(|(of, share)| {
+        // Without a cut nothing is shown.
+        let whole_ms = if whole_ns.is_empty() { f64::NAN } else { quantile_ns(&mut whole_ns, share) / 1e6 };
+        target(&format!("a cut of {tets} tets with all that is made anew, ms, {of}"), whole_ms, MOST_CUT_MS, false)
+    });
     let row = json!({
         "scene": scene.scene.name,
         "method": "a wire drawn through the pathology at 0.2 m/s",
@@ -172,14 +177,15 @@ fn knife(scene: &LoadedScene) -> Result<(Value, Value), String> {
         "limit_ratio": cut_ns / ticks.max(1) as f64 / pass_ns as f64,
         "model_us": spread(&mut knife.model_ns, US),
         "topology_us": spread(&mut knife.topology_ns, US),
-        "whole_us": spread(&mut whole_ns, US),
+        "whole_us": whole_us,
+        "whole_cuts": whole_ns.len(),
         "refused": refused,
         "share": { "cut": cut_ns / sum_ns, "model": model_ns / sum_ns, "topology": topology_ns / sum_ns },
         "speedup": { "1": 1.0 },
         "peers": {},
         "peers_note": NO_PEERS,
     });
-    Ok((row, target(&name, whole_ms, MOST_CUT_MS, false)))
+    Ok((row, whole))
 }
 
 /// The scene with a tool of so many points.
