@@ -298,7 +298,7 @@ impl Stateful for MainLoop<'_> {
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
-        let report = step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
+        let report = step(&world.model, &mut self.scratch, from, &input, to).map_err(|why| Failure::Broken(why.to_string()))?;
         let deformed_ns = system::now_ns();
         self.scratch.move_surface(&self.surface, bytemuck::cast_slice_mut(surface));
 
