@@ -20,7 +20,7 @@ const MAX_TICKS: usize = 1_000;
 /// Where the middle of an object is, as a share of its width.
 const MIDDLE: f32 = 0.5;
 /// Where the Main Loop's strokes go through it, each of them through the scene as it was loaded: one stroke has too few cuts for a percentile.
-const PLACES: [f32; 5] = [0.3, 0.4, MIDDLE, 0.6, 0.7];
+pub const PLACES: [f32; 5] = [0.3, 0.4, MIDDLE, 0.6, 0.7];
 
 /// What was measured, ns and counts.
 #[derive(Default)]
@@ -67,11 +67,12 @@ fn wires(scene: &LoadedScene, place: f32) -> Result<impl Iterator<Item = [[f32; 
     Ok(ways.map(move |z| [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]]))
 }
 
-/// Times of the ticks in which the Main Loop cuts, ns: the sweep, the world that it leaves, and what is made anew for that; and how many cuts were refused.
-pub fn whole(scene: &LoadedScene, isa: Isa) -> Result<(Vec<u64>, usize), String> {
+/// Times of the ticks in which the Main Loop cuts, ns: the sweep, the world that it leaves, and what is made anew for that, of a stroke through each place; and
+/// how many cuts were refused.
+pub fn whole(scene: &LoadedScene, isa: Isa, places: &[f32]) -> Result<(Vec<u64>, usize), String> {
     let (mut times_ns, mut refused) = (Vec::new(), 0);
-    for place in PLACES {
-        refused += stroke_through(scene, isa, place, &mut times_ns)?;
+    for place in places {
+        refused += stroke_through(scene, isa, *place, &mut times_ns)?;
     }
     Ok((times_ns, refused))
 }
@@ -148,7 +149,7 @@ mod tests {
     #[test]
     fn the_main_loops_cuts_are_timed_one_by_one() {
         let scene = crate::world::load_scene(None).unwrap();
-        let (times_ns, refused) = whole(&scene, Isa::detect()).unwrap();
+        let (times_ns, refused) = whole(&scene, Isa::detect(), &PLACES).unwrap();
         println!("{} cuts, {refused} refused", times_ns.len());
         assert!(times_ns.len() > 2 * PLACES.len() && refused < times_ns.len(), "{} cuts, {refused} refused", times_ns.len());
     }
