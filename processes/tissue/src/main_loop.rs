@@ -272,7 +272,7 @@ impl Stateful for MainLoop<'_> {
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
-        // Response: contacts as springs for the deformation, the fluid's pressure as forces.
+        // Response: contacts as springs for the deformation, the fluid's pressure as forces or as a law.
         let tool = hand.motion(world.case.pivot_m, &self.points_m);
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
         let passage = Passage { hash: &table, before: (&before.pose, stood), velocities_m_s: velocities, dt_s };
