@@ -6,7 +6,7 @@
 
 use super::{ATTACHMENT_N_M, Case};
 use crate::body::Body;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Attachment;
 use std::collections::{BTreeMap, BTreeSet};
@@ -71,26 +71,43 @@ impl Case {
         };
         let rooted: Vec<(u32, [f32; 3], Root)> = owner.iter().enumerate().filter_map(rooted).collect();
         let whole = whole_tets(body, rooted.iter().map(|(.., root)| root.tet));
+        let is_as_it_was = |place: DVec3, root: &Root| whole.contains(&root.tet) && is_at(body, root, place);
+        let places = rooted.iter().map(|(_, place_m, root)| (to_double(*place_m), root));
+        let others: Vec<DVec3> = places.filter(|&(place, root)| !is_as_it_was(place, root)).map(|(place, _)| place).collect();
+        let near = self.near(body, &others);
         let held = |(node, place_m, root): (u32, [f32; 3], Root)| {
             let place = to_double(place_m);
-            let is_as_it_was = whole.contains(&root.tet) && is_at(body, &root, place);
-            let now = if is_as_it_was { Some((root.tet, root.weights)) } else { self.host_now(body, root.host, place) };
+            let now =
+                if is_as_it_was(place, &root) { Some((root.tet, root.weights)) } else { host_now(body, &near, root.host, place) };
             now.map(|(tet, weights)| Attachment { node, tet, weights, stiffness_n_m: ATTACHMENT_N_M })
         };
         rooted.into_iter().filter_map(held).collect()
     }
 
-    /// The tet of a host, or of what has come off it, in which a place at rest is, and its weights there.
-    fn host_now(&self, body: &Body, host: u32, place: DVec3) -> Option<([u32; 4], [f32; 4])> {
-        let is_host = |region: u32| self.origin(body, region) as u32 == host;
-        let of_host = body.rest.tets.iter().zip(&body.rest.regions).filter(|(_, region)| is_host(**region));
-        let around = of_host.filter_map(|(tet, _)| Some((*tet, weights_in(body, *tet, place)?)));
-        let least = |weights: &[f64; 4]| weights.iter().copied().fold(f64::INFINITY, f64::min);
-        let (tet, weights) = around.max_by(|one, other| least(&one.1).total_cmp(&least(&other.1)))?;
-        let inside = weights.map(|weight| weight.max(0.0));
-        let sum: f64 = inside.iter().sum();
-        Some((tet, inside.map(|weight| (weight / sum) as f32)))
+    /// The tets whose boxes touch that around some places at rest, and the object of the scene that each is of: one look at all of them, and not one for
+    /// each place.
+    fn near(&self, body: &Body, places: &[DVec3]) -> Vec<([u32; 4], u32)> {
+        let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
+        let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
+        let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());
+        let touches = |tet: &[u32; 4]| {
+            let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
+            a.min(b).min(c.min(d)).cmple(high).all() && a.max(b).max(c.max(d)).cmpge(low).all()
+        };
+        let near = body.rest.tets.iter().zip(&body.rest.regions).filter(|&(tet, _)| touches(tet));
+        near.map(|(tet, region)| (*tet, self.origin(body, *region) as u32)).collect()
     }
+}
+
+/// The tet of a host, or of what has come off it, in which a place at rest is, and its weights there. `near`: tets near the place, and of what they are.
+fn host_now(body: &Body, near: &[([u32; 4], u32)], host: u32, place: DVec3) -> Option<([u32; 4], [f32; 4])> {
+    let of_host = near.iter().filter(|(_, of)| *of == host);
+    let around = of_host.filter_map(|(tet, _)| Some((*tet, weights_in(body, *tet, place)?)));
+    let least = |weights: &[f64; 4]| weights.iter().copied().fold(f64::INFINITY, f64::min);
+    let (tet, weights) = around.max_by(|one, other| least(&one.1).total_cmp(&least(&other.1)))?;
+    let inside = weights.map(|weight| weight.max(0.0));
+    let sum: f64 = inside.iter().sum();
+    Some((tet, inside.map(|weight| (weight / sum) as f32)))
 }
 
 fn to_double(place_m: [f32; 3]) -> DVec3 {
