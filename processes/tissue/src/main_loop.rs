@@ -276,7 +276,7 @@ impl Stateful for MainLoop<'_> {
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
-        // Response: contacts as springs for the deformation, the fluid's pressure as forces.
+        // Response: contacts as springs for the deformation, the fluid's pressure as forces or as a law.
         let tool = hand.motion(world.case.pivot_m, &self.points_m);
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
         let passage = Passage { hash: &table, before: (&before.pose, stood), velocities_m_s: velocities, dt_s };
@@ -284,7 +284,7 @@ impl Stateful for MainLoop<'_> {
         let seen = if stands.looks { self.collision.hits() } else { &[] };
         self.grasp.act(world, seen, (&hand.pose, hand.velocity_m_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
-        medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
+        let pressure = medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -296,13 +296,13 @@ impl Stateful for MainLoop<'_> {
             pairs: self.contacts.pairs(),
             holds: self.grasp.holds(),
             attachments: &world.attachments,
+            pressure,
             law: LAW,
             dt_s,
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
-        let report = step(&world.model, &mut self.scratch, from, &input, to);
-        let report = report.map_err(|error| Failure::Broken(error.to_string()))?;
+        let report = step(&world.model, &mut self.scratch, from, &input, to).map_err(|why| Failure::Broken(why.to_string()))?;
         let deformed_ns = system::now_ns();
         self.scratch.move_surface(&self.surface, bytemuck::cast_slice_mut(surface));
 

@@ -15,6 +15,7 @@ mod hold;
 mod ready;
 
 use crate::model::Model;
+use crate::pressure::Pressure;
 use crate::step::EXTERNAL_FORCE_MAX_N;
 use ready::known;
 
@@ -121,13 +122,14 @@ pub struct PairSpring {
     pub stiffness_n_m: f32,
 }
 
-/// All springs of a step.
+/// All springs of a step, and the pressure.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Links<'a> {
     pub springs: &'a [PlaneSpring],
     pub pairs: &'a [PairSpring],
     pub holds: &'a [Hold],
     pub attachments: &'a [Attachment],
+    pub pressure: Pressure<'a>,
     pub law: ContactLaw,
     /// Substep, s.
     pub substep_s: f32,
@@ -350,5 +352,7 @@ impl Links<'_> {
                 }
             }
         }
+        let nodes = grip.load_n_m.len();
+        self.pressure.add_forces(&position[..nodes], &mut force[..nodes]);
     }
 }

@@ -1,6 +1,7 @@
 //! What goes into a step and what comes out of it: plain slices, so that they may lie in shared memory.
 
 use crate::links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring};
+use crate::pressure::Pressure;
 
 /// The state at one tick, one entry per node, in the caller's frame.
 #[derive(Debug, Clone, Copy)]
@@ -23,7 +24,7 @@ pub struct StateMut<'a> {
 /// What acts on the object during the step.
 #[derive(Debug, Clone, Copy)]
 pub struct StepInput<'a> {
-    /// Force on each node, N, constant over the step; or empty. A stiff contact belongs into `springs`, not here.
+    /// Force on each node, N, constant over the step; or empty. What follows the tissue belongs into the other fields, not here.
     pub external_force_n: &'a [[f32; 3]],
     /// Where held nodes are at the end of the step, m, one per node (those of free nodes are not read); or empty: they stay.
     pub targets_m: &'a [[f32; 3]],
@@ -35,6 +36,8 @@ pub struct StepInput<'a> {
     pub holds: &'a [Hold],
     /// Attachments that hold in this step.
     pub attachments: &'a [Attachment],
+    /// What presses on its boundary.
+    pub pressure: Pressure<'a>,
     /// How contacts answer.
     pub law: ContactLaw,
     /// Step, s.
@@ -51,6 +54,7 @@ impl Default for StepInput<'_> {
             pairs: &[],
             holds: &[],
             attachments: &[],
+            pressure: Pressure::default(),
             law: ContactLaw::default(),
             dt_s: 1e-3,
         }

@@ -114,8 +114,8 @@ pub fn step(
     read(model, scratch, &now, input, &mut report);
     let substep_s = input.dt_s / substeps as f32;
     scratch.substep_s = substep_s;
-    let StepInput { springs, pairs, holds, attachments, law, .. } = *input;
-    let links = Links { springs, pairs, holds, attachments, law: law.sane(), substep_s };
+    let StepInput { springs, pairs, holds, attachments, pressure, law, .. } = *input;
+    let links = Links { springs, pairs, holds, attachments, pressure, law: law.sane(), substep_s };
     (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m, &mut scratch.ready);
     let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {
@@ -298,7 +298,7 @@ fn write(
             (at, v) = (sane_position(model, now, node).0, [0.0; 3]);
             report.recovered_nodes += 1;
         } else if v.iter().any(|v| v.abs() >= cap) {
-            // No tissue is so fast: a mesh that is too thin for its steps shakes so, and goes on until somebody takes its energy.
+            // No tissue is so fast: what shakes so goes on until somebody takes its energy.
             v = [0.0; 3];
             report.capped_nodes += 1;
         } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {

@@ -5,7 +5,8 @@ mod common;
 use common::{Body, block, noise, options, with_flat_tets};
 use hyst_mesh::TetMesh;
 use hyst_tissue::{
-    ContactLaw, Material, Model, ModelError, Options, PairSpring, PlaneSpring, StateMut, StateRef, StepError, StepInput, step,
+    ContactLaw, Material, Model, ModelError, Options, PairSpring, PlaneSpring, Pressure, StateMut, StateRef, StepError,
+    StepInput, step,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -168,8 +169,10 @@ proptest! {
             PairSpring { node: 9, tet: [60; 4], weights: [0.25; 4], normal: [0.0, 1.0, 0.0], depth_m: 1e12, stiffness_n_m: 1e12 },
         ];
         let law = ContactLaw { damping_s: weights[0], friction: weights[1], slip_m_s: weights[2], most_n: weights[3] };
+        let pressure = Pressure { triangles: &[[nodes[0], nodes[1], nodes[2]], [9, 60, 61]], pressure_pa: stiffness_n_m };
         for _ in 0..3 {
-            body.step_with(&StepInput { external_force_n: &forces, targets_m: &targets, springs: &springs, pairs: &pairs, law, dt_s, ..StepInput::default() });
+            let forces = StepInput { external_force_n: &forces, targets_m: &targets, dt_s, ..StepInput::default() };
+            body.step_with(&StepInput { springs: &springs, pairs: &pairs, pressure, law, ..forces });
             for value in body.position_m.iter().chain(&body.velocity_m_s).flatten() {
                 prop_assert!(value.is_finite());
             }

@@ -1,7 +1,7 @@
 //! The three scenes of the framework's paper (Tuchschmid et al. 2006, table 2), each with what it is to reach.
 
 use super::press::{INTERSECTION, Press};
-use super::{RUN_NS, THREADS, US, beside_peer, complete, speedup, with_many_points};
+use super::{RUN_NS, THREADS, US, beside_peer, complete, cuts, speedup, with_many_points};
 use hyst_engine::bench::{quantile_ns, spread, target};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
@@ -20,6 +20,8 @@ static AIMS: [Aim; 3] = [
     Aim { file: "polyp-medium.toml", step_ms: 1.5, test_hz: 8e3 },
     Aim { file: "three-polyps.toml", step_ms: 2.5, test_hz: 5e3 },
 ];
+/// Where strokes go through the first pathology of each, as shares of its width.
+const PLACES: [f32; 2] = [0.4, 0.6];
 /// Share of what independent copies reach that the speed-up of the test is to have, with the largest of the scenes.
 const LEAST_SPEEDUP: f64 = 0.9;
 
@@ -43,7 +45,7 @@ fn scenes() -> Result<Vec<(&'static Aim, LoadedScene)>, String> {
     AIMS.iter().map(load).collect()
 }
 
-/// A whole step of each scene with two threads, and whether it is short enough.
+/// A whole step of each scene with two threads and cuts in it, and whether they are short enough: a cut has the time of a step for itself.
 pub fn steps() -> Result<Vec<Value>, String> {
     let (mut rows, mut targets) = (Vec::new(), Vec::new());
     for (aim, scene) in scenes()? {
@@ -54,6 +56,9 @@ pub fn steps() -> Result<Vec<Value>, String> {
         let step_ms = quantile_ns(&mut record.steps_ns(|_| true), 0.5) / 1e6;
         let name = format!("step of {} tets with {THREADS} threads, ms", press.tets());
         targets.push(target(&name, step_ms, aim.step_ms, false));
+        let (cut, of_cuts) = cuts(&scene, &PLACES, aim.step_ms)?;
+        row["cut"] = cut;
+        targets.extend(of_cuts);
         rows.push(row);
     }
     rows.extend(targets);

@@ -1,6 +1,7 @@
-//! What a scene says and no cut changes: whose a tet is and what it is made of, and what holds it.
+//! What a scene says and no cut changes: whose a tet is and what it is made of.
 
-use super::{ATTACHMENT_N_M, Case, mean_edge_m};
+use super::roots::Roots;
+use super::{Case, mean_edge_m};
 use crate::body::{Body, Room};
 use crate::closing::Closing;
 use crate::drift::Bath;
@@ -12,13 +13,6 @@ use crate::tool::Tool;
 use hyst_engine::Failure;
 use hyst_messages::stream::{ObjectKind, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
-use hyst_tissue::Attachment;
-use std::collections::BTreeMap;
-
-/// A place at rest, to the bit.
-fn bits(point: [f32; 3]) -> [u32; 3] {
-    point.map(f32::to_bits)
-}
 
 impl Case {
     pub(super) fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
@@ -27,10 +21,9 @@ impl Case {
             DeformableKind::Organ => ObjectKind::Organ,
             DeformableKind::Pathology => ObjectKind::Pathology,
         };
-        let roots = roots(scene, body, starts);
-        let is_rooted = |index: u32| roots.keys().any(|(object, _)| *object == index);
+        let roots = Roots::of(scene, body, starts);
         Ok(Case {
-            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || is_rooted(index)).collect(),
+            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || roots.has(index)).collect(),
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
             density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
@@ -102,18 +95,6 @@ impl Case {
     pub fn is_pathology(&self, body: &Body, object: u32) -> bool {
         self.objects.get(self.origin(body, object)).is_some_and(|(_, kind)| *kind == ObjectKind::Pathology)
     }
-
-    /// What holds the nodes of a body. A node that was copied is held as its original is; one whose host is gone is not held.
-    pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
-        let owner = body.owners();
-        let is_used = |node: &u32| owner.get(*node as usize).is_some_and(Option::is_some);
-        let held = |(node, owner): (usize, &Option<u32>)| {
-            let origin = self.origin(body, (*owner)?) as u32;
-            let root = self.roots.get(&(origin, bits(body.rest.positions_m[node])))?;
-            root.tet.iter().all(is_used).then_some(Attachment { node: node as u32, ..*root })
-        };
-        owner.iter().enumerate().filter_map(held).collect()
-    }
 }
 
 fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
@@ -128,21 +109,4 @@ fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
         loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
         loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
     }
-}
-
-fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {
-    let mut first_tet = vec![0usize];
-    for object in &scene.objects {
-        first_tet.push(first_tet.last().copied().unwrap_or(0) + object.mesh.tets.len());
-    }
-    let mut all = BTreeMap::new();
-    for (index, object) in scene.objects.iter().enumerate() {
-        for (host, held) in object.attach.iter().flat_map(|attach| attach.nodes.iter().map(|node| (attach.host, node))) {
-            let node = starts[index] as u32 + held.node;
-            let tet = body.rest.tets[first_tet[host] + held.tet as usize];
-            let root = Attachment { node, tet, weights: held.weights, stiffness_n_m: ATTACHMENT_N_M };
-            all.insert((index as u32, bits(body.rest.positions_m[node as usize])), root);
-        }
-    }
-    all
 }

@@ -1,5 +1,5 @@
-//! Promise of the Main Loop about the medium: its pressure beyond that of the rest shape holds the walls apart, less of it lets them come together, and what is far
-//! beyond moves them no farther than the mesh can follow.
+//! Promise of the Main Loop about the medium: its pressure beyond that of the rest shape holds the walls apart, less of it lets them come together, what is far
+//! beyond moves them no farther than the mesh can follow, and where its force is held for a step it pushes as where it is a law.
 
 use super::*;
 
@@ -38,4 +38,16 @@ fn the_walls_go_apart_with_the_pressure_and_together_without_it_and_never_beyond
     assert!(found_m.windows(2).take(4).all(|pair| pair[1] > pair[0] + 5e-5), "more pressure, farther apart: {found_m:?}");
     assert!(found_m[2].abs() < 2e-5, "at rest nothing moves: {found_m:?}");
     assert!((found_m[5] - found_m[4]).abs() < 1e-6, "9 kPa are as much as 2: {found_m:?}");
+}
+
+#[test]
+fn a_little_pressure_whose_force_is_held_for_a_step_pushes_as_one_does_that_is_a_law() {
+    let (station, pages) = founded("alike", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    // The last two are on the two sides of what is held.
+    let [rest_m, held_m, law_m] = [(0, 0.0), (1, 190.0), (2, 210.0)].map(|round| apart_m(&mut main, &pages[1], round));
+    let ratio = (law_m - rest_m) / (held_m - rest_m);
+    assert!((1.0..1.25).contains(&ratio), "{law_m} m as a law, {held_m} m held, {rest_m} m at rest");
 }

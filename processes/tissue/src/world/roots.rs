@@ -1,0 +1,242 @@
+//! What holds the objects of a scene in their hosts, and what of that holds after cuts.
+//!
+//! Promise: a node is held at the place where it lay in its host at first, by the tet that is around it now. Where a cut has divided or parted that
+//! tet, or moved a corner of it, it is another one, or the same with other weights: so nothing draws two sides of a cut together, and no cut sets a
+//! spring under tension. Where the place is burnt nothing holds. A body that is whole there is held as the scene says, to the bit.
+
+use super::{ATTACHMENT_N_M, Case};
+use crate::body::Body;
+use glam::{DMat3, DVec3, Vec3};
+use hyst_scene::LoadedScene;
+use hyst_tissue::Attachment;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How far outside of a tet a place may be that counts as in it, as a weight: what rounding makes of one on a face.
+const OUTSIDE: f64 = 1e-4;
+/// How far from its place at rest a node may be held, m: what rounding makes of none.
+const AWAY_M: f64 = 1e-6;
+
+/// A place at rest, to the bit.
+fn bits(point: [f32; 3]) -> [u32; 3] {
+    point.map(f32::to_bits)
+}
+
+/// Where a node lay in its host in the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Root {
+    /// The host's number.
+    host: u32,
+    tet: [u32; 4],
+    weights: [f32; 4],
+}
+
+/// The nodes that are held in hosts, by their object and their place at rest, which a copy of a node has too.
+pub struct Roots(BTreeMap<(u32, [u32; 3]), Root>);
+
+impl Roots {
+    /// Those of a scene, whose objects are joined in a body; the nodes of each begin at its `starts`.
+    pub(super) fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Roots {
+        let mut first_tet = vec![0usize];
+        for object in &scene.objects {
+            first_tet.push(first_tet.last().copied().unwrap_or(0) + object.mesh.tets.len());
+        }
+        let mut all = BTreeMap::new();
+        for (index, object) in scene.objects.iter().enumerate() {
+            for (host, held) in object.attach.iter().flat_map(|attach| attach.nodes.iter().map(|node| (attach.host, node))) {
+                let node = starts[index] + held.node as usize;
+                let tet = body.rest.tets[first_tet[host] + held.tet as usize];
+                // On a face a weight may be a hair below 0, with which a step ignores the spring.
+                let weights = held.weights.map(|weight| weight.clamp(0.0, 1.0));
+                let root = Root { host: host as u32, tet, weights };
+                all.insert((index as u32, bits(body.rest.positions_m[node])), root);
+            }
+        }
+        Roots(all)
+    }
+
+    /// Whether anything of an object is held.
+    pub(super) fn has(&self, object: u32) -> bool {
+        self.0.keys().any(|(of, _)| *of == object)
+    }
+}
+
+impl Case {
+    /// What holds the nodes of a body. A node that was copied is held as its original is.
+    pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
+        let owner = body.owners();
+        let rooted = |(node, owner): (usize, &Option<u32>)| {
+            let place_m = body.rest.positions_m[node];
+            let root = self.roots.0.get(&(self.origin(body, (*owner)?) as u32, bits(place_m)))?;
+            Some((node as u32, place_m, *root))
+        };
+        let rooted: Vec<(u32, [f32; 3], Root)> = owner.iter().enumerate().filter_map(rooted).collect();
+        let whole = whole_tets(body, rooted.iter().map(|(.., root)| root.tet));
+        let is_as_it_was = |place: DVec3, root: &Root| whole.contains(&root.tet) && is_at(body, root, place);
+        let places = rooted.iter().map(|(_, place_m, root)| (to_double(*place_m), root));
+        let others: Vec<DVec3> = places.filter(|&(place, root)| !is_as_it_was(place, root)).map(|(place, _)| place).collect();
+        let near = self.near(body, &others);
+        let held = |(node, place_m, root): (u32, [f32; 3], Root)| {
+            let place = to_double(place_m);
+            let now =
+                if is_as_it_was(place, &root) { Some((root.tet, root.weights)) } else { host_now(body, &near, root.host, place) };
+            now.map(|(tet, weights)| Attachment { node, tet, weights, stiffness_n_m: ATTACHMENT_N_M })
+        };
+        rooted.into_iter().filter_map(held).collect()
+    }
+
+    /// The tets whose boxes touch that around some places at rest, and the object of the scene that each is of: one look at all of them, and not one for
+    /// each place.
+    fn near(&self, body: &Body, places: &[DVec3]) -> Vec<([u32; 4], u32)> {
+        let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
+        let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
+        let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());
+        let touches = |tet: &[u32; 4]| {
+            let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
+            a.min(b).min(c.min(d)).cmple(high).all() && a.max(b).max(c.max(d)).cmpge(low).all()
+        };
+        let near = body.rest.tets.iter().zip(&body.rest.regions).filter(|&(tet, _)| touches(tet));
+        near.map(|(tet, region)| (*tet, self.origin(body, *region) as u32)).collect()
+    }
+}
+
+/// The tet of a host, or of what has come off it, in which a place at rest is, and its weights there. `near`: tets near the place, and of what they are.
+fn host_now(body: &Body, near: &[([u32; 4], u32)], host: u32, place: DVec3) -> Option<([u32; 4], [f32; 4])> {
+    let of_host = near.iter().filter(|(_, of)| *of == host);
+    let around = of_host.filter_map(|(tet, _)| Some((*tet, weights_in(body, *tet, place)?)));
+    let least = |weights: &[f64; 4]| weights.iter().copied().fold(f64::INFINITY, f64::min);
+    let (tet, weights) = around.max_by(|one, other| least(&one.1).total_cmp(&least(&other.1)))?;
+    let inside = weights.map(|weight| weight.max(0.0));
+    let sum: f64 = inside.iter().sum();
+    Some((tet, inside.map(|weight| (weight / sum) as f32)))
+}
+
+fn to_double(place_m: [f32; 3]) -> DVec3 {
+    DVec3::from_array(place_m.map(f64::from))
+}
+
+fn corners(body: &Body, tet: [u32; 4]) -> [DVec3; 4] {
+    tet.map(|node| to_double(body.rest.positions_m[node as usize]))
+}
+
+/// Those of some tets that are in a body, with the same nodes in the same order.
+fn whole_tets(body: &Body, tets: impl Iterator<Item = [u32; 4]>) -> BTreeSet<[u32; 4]> {
+    let wanted: BTreeSet<[u32; 4]> = tets.collect();
+    let mut is_corner = vec![false; body.rest.positions_m.len()];
+    wanted.iter().flatten().for_each(|node| {
+        if let Some(is_corner) = is_corner.get_mut(*node as usize) {
+            *is_corner = true;
+        }
+    });
+    // A look at flags is far cheaper than one into the set, and few tets have four of these nodes.
+    let may_be = |tet: &&[u32; 4]| tet.iter().all(|node| is_corner[*node as usize]);
+    body.rest.tets.iter().filter(may_be).filter(|tet| wanted.contains(*tet)).copied().collect()
+}
+
+/// Whether a root's tet holds at a place, where its corners are at rest now.
+fn is_at(body: &Body, root: &Root, place: DVec3) -> bool {
+    let parts = corners(body, root.tet).into_iter().zip(root.weights).map(|(corner, weight)| corner * f64::from(weight));
+    parts.sum::<DVec3>().distance(place) <= AWAY_M
+}
+
+/// The weights of a tet's corners at a place at rest that is in it.
+fn weights_in(body: &Body, tet: [u32; 4], place: DVec3) -> Option<[f64; 4]> {
+    let [a, b, c, d] = corners(body, tet);
+    let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+    let near = DVec3::splat(AWAY_M);
+    if !(place.cmpge(low - near).all() && place.cmple(high + near).all()) {
+        return None;
+    }
+    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (place - a);
+    let weights = [1.0 - others.element_sum(), others.x, others.y, others.z];
+    weights.iter().all(|weight| *weight >= -OUTSIDE).then_some(weights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{Workshop, World};
+    use hyst_tissue::{CutOptions, Cuttable, Isa, cut};
+
+    /// Way of the wire between two cuts, m.
+    const STEP_M: f32 = 5e-4;
+    /// How far the wire reaches to both sides of the root, and how far it is drawn, m.
+    const REACH_M: f32 = 0.015;
+
+    fn world() -> World {
+        Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap().1
+    }
+
+    /// The body after a wire has gone through the middle of the root, across its host.
+    fn cut_through_root(world: &World) -> Body {
+        let body = &world.body;
+        let places = world.attachments.iter().map(|held| to_double(body.rest.positions_m[held.node as usize]));
+        let root = (places.sum::<DVec3>() / world.attachments.len() as f64).as_vec3();
+        let mut tissue = Cuttable { fixed: body.fixed.clone(), ..Cuttable::at_rest(body.rest.clone()) };
+        let steps = (2.0 * REACH_M / STEP_M) as i32;
+        for step in 0..=steps {
+            let y = root.y - REACH_M + step as f32 * STEP_M;
+            let wire = [-REACH_M, 0.0, REACH_M].map(|aside| [root.x + aside, y, root.z]);
+            cut(&mut tissue, &wire, &CutOptions::default()).unwrap();
+        }
+        Body { rest: tissue.rest, fixed: tissue.fixed, origin: body.origin.clone(), ..Body::default() }
+    }
+
+    /// Asserts that each node is held at its own place, by a tet of its host that is there.
+    fn assert_held(world: &World, body: &Body, attachments: &[Attachment]) {
+        let owner = body.owners();
+        for held in attachments {
+            let index = body.rest.tets.iter().position(|tet| *tet == held.tet);
+            let index = index.unwrap_or_else(|| panic!("{held:?}: no tet has these corners"));
+            let origin = |object: u32| world.case.origin(body, object);
+            assert_ne!(origin(body.rest.regions[index]), origin(owner[held.node as usize].unwrap()), "{held:?}: held in itself");
+            let root = Root { host: 0, tet: held.tet, weights: held.weights };
+            assert!(is_at(body, &root, to_double(body.rest.positions_m[held.node as usize])), "{held:?}: held elsewhere");
+            assert!(held.weights.iter().all(|weight| (0.0..=1.0).contains(weight)), "{held:?}");
+            assert!((held.weights.iter().sum::<f32>() - 1.0).abs() < 1e-5, "{held:?}");
+        }
+    }
+
+    #[test]
+    fn a_root_that_is_cut_is_held_by_what_is_around_it_then_and_one_that_is_whole_as_the_scene_says() {
+        let world = world();
+        assert_held(&world, &world.body, &world.attachments);
+        let cut = cut_through_root(&world);
+        let after = world.case.attachments(&cut);
+        assert_held(&world, &cut, &after);
+        let stay = after.iter().filter(|held| world.attachments.contains(held)).count();
+        let before = world.attachments.len();
+        println!("{before} nodes held, after the cut {}, {stay} of them as before", after.len());
+        assert!(3 * after.len() > before, "{} of {before} nodes are held after the cut", after.len());
+        assert!(stay < before && after.len() > stay, "{stay} of {before} stay as they were: the cut missed the root");
+    }
+
+    /// The body without some tets of the host.
+    fn burnt(world: &World, is_burnt: impl Fn(&[u32; 4]) -> bool) -> Body {
+        let (tets, regions) = (&world.body.rest.tets, &world.body.rest.regions);
+        let is_kept = |index: &usize| world.case.origin(&world.body, regions[*index]) != 0 || !is_burnt(&tets[*index]);
+        let kept: Vec<usize> = (0..tets.len()).filter(is_kept).collect();
+        assert!(kept.len() < tets.len(), "nothing is burnt");
+        let mut body = world.body.clone();
+        body.rest.tets = kept.iter().map(|index| tets[*index]).collect();
+        body.rest.regions = kept.iter().map(|index| regions[*index]).collect();
+        body
+    }
+
+    #[test]
+    fn where_the_host_is_burnt_or_its_nodes_are_used_again_elsewhere_nothing_holds() {
+        let world = world();
+        let first = world.attachments[0];
+        let place = to_double(world.body.rest.positions_m[first.node as usize]);
+        let is_held = |body: &Body| world.case.attachments(body).iter().any(|held| held.node == first.node);
+        assert!(is_held(&world.body));
+        let around = burnt(&world, |tet| weights_in(&world.body, *tet, place).is_some());
+        assert!(!is_held(&around), "its host is burnt");
+        assert!(!world.case.attachments(&around).is_empty(), "the others are held");
+        // The numbers of its corners are those of a tet that is elsewhere now.
+        let mut again = burnt(&world, |tet| tet.iter().any(|node| first.tet.contains(node)));
+        again.rest.tets.push(first.tet);
+        again.rest.regions.push(0);
+        first.tet.iter().for_each(|node| again.rest.positions_m[*node as usize][2] += 0.1);
+        assert!(!is_held(&again), "it is held by what is 10 cm away");
+    }
+}
