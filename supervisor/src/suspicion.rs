@@ -367,6 +367,6 @@ mod tests {
         }
         assert_eq!(gauge.look(MS, 2 * MS, || Some(Thread::Stopped)), Opinion::Suspected);
         assert_eq!(gauge.look(2 * MS, MS, || None), Opinion::Cleared);
-        assert!(gauge.most_cleared_ns > 0 && gauge.silent_ns() == 0);
+        assert!(gauge.most_cleared_ns > 0 && gauge.silent_ns == 0);
     }
 }
