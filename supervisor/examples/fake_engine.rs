@@ -4,7 +4,7 @@
 //! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot.
 
 use hyst_engine::life::{DESCRIBE, Description};
-use hyst_exchange::{Roster, Station, system};
+use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
@@ -46,6 +46,15 @@ struct Vices {
 /// Memory that a leak takes in each step, bytes.
 const LEAK_BYTES: usize = 32 << 10;
 
+/// Writes down that a tick's force was applied in time.
+fn apply_fresh(page: &OwnedPage, tick: u64) {
+    let fresh = Applied::Fresh as u32;
+    let entry = LedgerEntry { hardware_tick: tick, station_tick: tick, force_tick: tick, kind: fresh, ..Default::default() };
+    page.push(hardware::LEDGER, tick, &entry);
+    page.add64(hardware::TOTALS, 1);
+    page.add64(hardware::TOTALS + 1, 1);
+}
+
 fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
     let mut leaked: Vec<Vec<u8>> = Vec::new();
     let mut opened = Vec::new();
@@ -69,16 +78,7 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
             Role::Hardware => {
                 while hardware_tick < tick {
                     hardware_tick += 1;
-                    let entry = LedgerEntry {
-                        hardware_tick,
-                        station_tick: hardware_tick,
-                        force_tick: hardware_tick,
-                        kind: Applied::Fresh as u32,
-                        ..Default::default()
-                    };
-                    page.push(hardware::LEDGER, hardware_tick, &entry);
-                    page.add64(hardware::TOTALS, 1);
-                    page.add64(hardware::TOTALS + 1, 1);
+                    apply_fresh(&page, hardware_tick);
                 }
             }
             Role::Device => {

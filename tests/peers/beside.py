@@ -18,6 +18,7 @@ import os
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 
 EDGE_M = 3e-3
@@ -224,8 +225,9 @@ def ours(what, programs):
 def peer(what, name, case):
     """One peer in a process of its own; None if it is not installed."""
     run = subprocess.run(
-        [sys.executable, __file__, what, "--peer", name, "--case", json.dumps(case)],
+        [sys.executable, os.path.abspath(__file__), what, "--peer", name, "--case", json.dumps(case)],
         capture_output=True, text=True, timeout=600, env={**os.environ, "OMP_NUM_THREADS": "1"},
+        cwd=tempfile.gettempdir(),  # where MuJoCo writes its warnings
     )
     if run.returncode == 4:
         return None
