@@ -260,9 +260,8 @@ impl FaultKind {
 
     /// Whether a time can be given with it: it lasts, and ends by itself when that is over.
     pub(crate) fn takes_duration(self) -> bool {
-        let at_once =
-            [FaultKind::Kill, FaultKind::Cont, FaultKind::Segfault, FaultKind::Abort, FaultKind::Corrupt, FaultKind::Undo];
-        !at_once.contains(&self)
+        use FaultKind::{Abort, Cont, Corrupt, Exit0, Exit1, Kill, Panic, Segfault, Undo};
+        !matches!(self, Kill | Cont | Segfault | Abort | Exit0 | Exit1 | Panic | Corrupt | Undo)
     }
 
     /// Whether it publishes what is not so.
