@@ -1,5 +1,6 @@
 //! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
 
+mod again;
 mod half;
 
 use super::Faults;
@@ -59,6 +60,9 @@ impl Faults {
             system::sleep_until_ns(moment_ns.saturating_sub(AIM_NS));
         }
         let victims = self.victims(target, injection, viewer)?;
+        if kind == FaultKind::Cont {
+            again::check(&victims)?;
+        }
         self.note_active(system::now_ns(), viewer);
         let hinders = kind.mischief().is_some_and(|what| what.is_of_start());
         if hinders {
@@ -126,6 +130,9 @@ impl Faults {
         let kind = injection.kind;
         let line = format!("fault {} injected into {slot} (incarnation {incarnation}, pid {pid}){}", kind.name(), deed.said);
         journal::say(&self.station, &line);
+        if kind == FaultKind::Cont {
+            self.end_stop(victim, now_ns);
+        }
         let fault = self.start(kind.name(), slot, incarnation, now_ns);
         fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
         (fault.output, fault.thread) = (injection.output, injection.thread);
