@@ -29,6 +29,8 @@ pub struct Store {
     pub stations: Vec<StationOutcome>,
 }
 
+/// Exit code of a run that is not through.
+const UNKNOWN: u8 = 3;
 /// The file that says what the results are of.
 const PLAN: &str = "plan.json";
 /// Passing folders of one process id that are tried: each was kept by a campaign before this one.
@@ -49,6 +51,11 @@ fn passing() -> Result<PathBuf, Refusal> {
 
 fn refuse(path: &Path, what: &str) -> Refusal {
     Refusal::input(format!("--report {}: {what}", path.display()))
+}
+
+/// What could not be written: no promise is broken by that, and the run ends before it is through.
+fn lost(path: &Path, why: &dyn std::fmt::Display) -> Refusal {
+    Refusal { code: UNKNOWN, message: format!("{}: {why}; is the disk full?", path.display()) }
 }
 
 impl Store {
@@ -138,17 +145,17 @@ impl Store {
     }
 
     fn append(&self, name: &str, line: &impl Serialize) -> Result<(), Refusal> {
-        let failed = |e: String| Refusal::failed(format!("{}: {e}; is the disk full?", self.folder.join(name).display()));
-        let text = serde_json::to_string(line).map_err(|e| failed(e.to_string()))?;
-        let file = std::fs::OpenOptions::new().append(true).create(true).open(self.folder.join(name));
+        let path = self.folder.join(name);
+        let text = serde_json::to_string(line).map_err(|e| lost(&path, &e))?;
+        let file = std::fs::OpenOptions::new().append(true).create(true).open(&path);
         let written = file.and_then(|mut file| file.write_all(format!("{text}\n").as_bytes()).and_then(|()| file.sync_data()));
-        written.map_err(|e| failed(e.to_string()))
+        written.map_err(|e| lost(&path, &e))
     }
 
     /// Writes a file of the report.
     pub fn write(&self, name: &str, text: &str) -> Result<(), Refusal> {
         let path = self.folder.join(name);
-        whole::write(&path, text.as_bytes()).map_err(|e| Refusal::failed(format!("{}: {e}; is the disk full?", path.display())))
+        whole::write(&path, text.as_bytes()).map_err(|e| lost(&path, &e))
     }
 }
 
@@ -244,7 +251,18 @@ mod tests {
         drop(again);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
         std::fs::write(&results, whole.repeat(2)).unwrap();
-        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 2, "two campaigns wrote them");
+        let mut both = Store::open(Some(&folder), &plan).unwrap();
+        assert_eq!(both.outcomes.len(), 2, "two campaigns wrote them");
+        std::fs::remove_file(&results).unwrap();
+        std::fs::create_dir(&results).unwrap(); // it takes no line
+        let unwritten = both.add(Outcome::of(&plan.faults[2])).unwrap_err();
+        assert!(
+            unwritten.code == 3 && unwritten.message.contains("results.jsonl"),
+            "no promise is broken: {}",
+            unwritten.message
+        );
+        std::fs::remove_dir(&results).unwrap();
+        drop(both);
         std::fs::write(&results, "{}\n").unwrap();
         assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
         std::fs::remove_dir_all(&folder).unwrap();

@@ -24,7 +24,11 @@ impl Session {
         if keepers == Keepers::Supervisor || injection.for_s.is_some() && hurt.is_outlived() {
             return Ok(hurt.struck_ns);
         }
-        self.await_end()?;
+        if let Err(reason) = self.await_end() {
+            // It was done, and nobody closes it: that is told of as a fault without an end, and not as one that was refused.
+            eprintln!("hystation: {reason}");
+            return Ok(hurt.struck_ns);
+        }
         if keepers == Keepers::Guardian {
             self.await_stand_in();
         }
