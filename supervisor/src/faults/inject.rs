@@ -2,6 +2,7 @@
 
 mod again;
 mod half;
+mod instead;
 
 use super::Faults;
 use crate::active::active_now;
@@ -89,6 +90,7 @@ impl Faults {
             self.undo_all(&victims, injection, now_ns)?;
             return Ok(struck);
         }
+        self.displace(&victims, kind, now_ns);
         self.do_to_all(&victims, injection, now_ns, target.which == Which::Both)?;
         // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
         let doing = Some(Doing::of(&self.station, &self.slots, viewer));
