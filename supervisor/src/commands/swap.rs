@@ -6,6 +6,7 @@
 
 use super::no_station;
 use crate::control::{NoAnswer, Request, ask_once};
+use crate::policy::Cause;
 use crate::remains;
 use crate::settings::Refusal;
 use crate::swap::{Record, kept, role_of};
@@ -37,6 +38,7 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
         println!("{text}");
     } else {
         print!("{}", table(&record));
+        has_printed(station, &record).iter().for_each(|hint| eprintln!("hystation: {hint}"));
     }
     Ok(u8::from(record.promoted != Some(true)))
 }
@@ -109,6 +111,13 @@ fn begun_meanwhile(station: &Station, before: u64, binary: &Path) -> Option<u64>
     None
 }
 
+/// Where the words of a newcomer are that was rolled back for its own sake: its author asks for them next.
+fn has_printed(station: &Station, record: &Record) -> Option<String> {
+    let is_its_own = record.cause.is_some_and(|cause| !matches!(cause, Cause::NoTime | Cause::Interrupted));
+    let hint = || format!("what it printed is in `hystation --name {} logs {}`", station.name(), record.slot);
+    (record.promoted == Some(false) && is_its_own).then(hint)
+}
+
 /// What happened, as lines of plain text.
 pub fn table(record: &Record) -> String {
     let [binary, before] = [&record.binary, &record.before].map(|path| kept::name_of(path));
@@ -139,5 +148,16 @@ mod tests {
         assert!(over.write(&station));
         assert_eq!(wait(&station, 3, &interrupted), Ok(over), "it has ended, and one is told how");
         station.wipe();
+    }
+
+    #[test]
+    fn whoever_wrote_an_engine_that_is_rolled_back_is_told_where_its_words_are() {
+        let station = Station::named("words").unwrap();
+        let ended = |promoted: bool, cause: Option<Cause>| Record { promoted: Some(promoted), cause, ..record() };
+        let hint = has_printed(&station, &ended(false, Some(Cause::Died))).unwrap();
+        assert!(hint.contains("`hystation --name words logs fluid:2`"), "{hint}");
+        for record in [ended(true, None), ended(false, Some(Cause::NoTime)), ended(false, Some(Cause::Interrupted)), record()] {
+            assert_eq!(has_printed(&station, &record), None, "{record:?}");
+        }
     }
 }
