@@ -75,7 +75,12 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
 fn wait(station: &Station, number: u64, interrupted: &AtomicBool) -> Result<Record, Refusal> {
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
-        match Record::read(station).filter(|record| record.number == number) {
+        match Record::read(station) {
+            // There is one record: somebody was quicker than the next look.
+            Some(next) if next.number != number => {
+                let since = format!("swap {} of {} was begun since", next.number, next.role);
+                return Err(Refusal::failed(format!("{since}; `hystation logs` says how swap {number} ended")));
+            }
             Some(record) if record.promoted.is_some() => return Ok(record),
             None => {
                 return Err(Refusal::failed("the station has ended, how the swap ended is not known; start it and swap again"));
@@ -147,6 +152,20 @@ mod tests {
         let over = Record { promoted: Some(true), ..going };
         assert!(over.write(&station));
         assert_eq!(wait(&station, 3, &interrupted), Ok(over), "it has ended, and one is told how");
+        station.wipe();
+    }
+
+    /// It was said that the station had ended.
+    #[test]
+    fn whoever_waits_for_a_swap_that_another_one_has_followed_is_told_so() {
+        let station = Station::named(&format!("t{}-next-swap", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let waits = || wait(&station, 3, &AtomicBool::new(false)).unwrap_err();
+        assert!(waits().message.contains("the station has ended"), "nobody has written anything");
+        assert!(Record { number: 4, ..record() }.write(&station));
+        let refusal = waits();
+        assert!(refusal.code == 1 && refusal.message.contains("swap 4 of fluid was begun since"), "{refusal:?}");
         station.wipe();
     }
 
