@@ -161,8 +161,8 @@ impl FaultKind {
         (
             FaultKind::Corrupt,
             "corrupt",
-            "--bytes bytes (16), drawn from --seed, are flipped in its --where: page, stream, link (its connections), checkpoint, or in \
-             the station's page or roster",
+            "--bytes bytes (16), drawn from --seed (another each time), are flipped in its --where: page, stream, link (its connections), \
+             checkpoint, or in the station's page or roster",
         ),
         (
             FaultKind::DiskFull,
