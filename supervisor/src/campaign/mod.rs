@@ -57,7 +57,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
         say(args.json, &plan.text());
     }
     let blind = fit::warn_of_blind(&campaign).map(str::to_string);
-    campaign.cannot_show().iter().chain(&blind).for_each(|line| eprintln!("hystation: {line}"));
+    campaign.cannot_show().iter().chain(&blind).for_each(|line| warn(line));
     if args.plan {
         return Ok(0);
     }
@@ -68,7 +68,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     if !matches!(code, Ok(0))
         && let Some(folder) = store.keep()
     {
-        eprintln!("hystation: what came of it is kept in {}", folder.display());
+        warn(&format!("what came of it is kept in {}", folder.display()));
     }
     code
 }
@@ -101,7 +101,7 @@ fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, 
     } else {
         say(false, &text::text(&judgement));
     }
-    let written = report(&judgement, store).inspect_err(|refusal| eprintln!("hystation: {}", refusal.message));
+    let written = report(&judgement, store).inspect_err(|refusal| warn(&refusal.message));
     Ok(concluded(judgement.exit_code, written.is_ok()))
 }
 
@@ -122,6 +122,11 @@ fn report(judgement: &Judgement, store: &Store) -> Result<(), Refusal> {
 fn say(json: bool, text: &str) {
     // A reader that has gone (`| head`) has read what it wanted; the faults go on.
     let _ = if json { std::io::stderr().write_all(text.as_bytes()) } else { std::io::stdout().write_all(text.as_bytes()) };
+}
+
+/// Says a line on stderr. A terminal that has gone, as that of a line over SSH which was cut, takes none: what the run came to is written all the same.
+fn warn(line: &str) {
+    let _ = writeln!(std::io::stderr(), "hystation: {line}");
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //! the station over from the stand-in, or from nobody if the supervisor died with it.
 
 use super::{LOOK_NS, Session};
+use crate::campaign::warn;
 use crate::fault::Fault;
 use crate::faultfile::{Injection, Keepers};
 use crate::keepers::Hurt;
@@ -26,7 +27,7 @@ impl Session {
         }
         if let Err(reason) = self.await_end() {
             // It was done, and nobody closes it: that is told of as a fault without an end, and not as one that was refused.
-            eprintln!("hystation: {reason}");
+            warn(&reason);
             return Ok(hurt.struck_ns);
         }
         if keepers == Keepers::Guardian {
