@@ -21,7 +21,7 @@ pub struct Counters {
     pub overruns: u64,
     /// Values refused as invalid, as stale or fenced, as frozen.
     pub refused: [u64; 3],
-    /// Steps computed for another owner, and promotions.
+    /// Steps computed for another owner.
     pub substitutes: u64,
     /// Promotions.
     pub promotions: u64,

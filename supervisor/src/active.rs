@@ -39,7 +39,7 @@ impl ActiveLog {
 pub fn active_now(station: &Station, roster: &Roster, device: Option<&ReadPage>, role: Role) -> u32 {
     match role {
         Role::Haptic => device.map_or(0, |page| page.load64(layout::SELECTED + 1) as u32),
-        Role::Tissue | Role::Fluid => roster.holder(role).incarnation,
+        _ if role.is_stateful() => roster.holder(role).incarnation,
         _ => station.open().map_or(0, |page| page.incarnation(Slot::first(role))),
     }
 }

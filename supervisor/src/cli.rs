@@ -1,4 +1,4 @@
-//! The command line, as design.md fixes it.
+//! The command line.
 
 mod again;
 mod codes;

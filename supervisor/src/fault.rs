@@ -7,7 +7,7 @@
 pub mod compare;
 
 use crate::corrupt::{Flip, Remains};
-use crate::faultfile::{Helper, Output};
+use crate::faultfile::{FaultKind, Helper, Output};
 use crate::ledger::{Ledger, SETTLING_TICKS, Tick, Window};
 use crate::shortage::Lowered;
 use compare::{excess, tells};
@@ -28,15 +28,18 @@ pub const DEVICE_TICKS: u64 = 20;
 const DEVICE_STEP_N: f64 = 0.2;
 /// What a servo publishes by these kinds is never applied. A stamp that stands still, or an old output, is as it should be the first time; every later time
 /// the ledger itself finds it late or stale.
-const NEVER_APPLIED: [&str; 4] = ["nan", "inf", "range", "ahead"];
+const NEVER_APPLIED: [FaultKind; 4] = [FaultKind::Nan, FaultKind::Inf, FaultKind::Range, FaultKind::Ahead];
 /// A servo's output that stands still bears the stamps of its ticks, and is fresh to the ledger. Its force tells: in contact no two ticks make the same one.
-const STANDS_STILL: &str = "frozen";
+const STANDS_STILL: FaultKind = FaultKind::Frozen;
 /// Ticks before such a fault in which no force may have repeated: a hand that does not move makes one that stands still by itself.
 const MOVING_TICKS: u64 = 100;
 /// Ticks after its injection for which a servo may still make the force that it had begun.
 const BEGUN_TICKS: u64 = 2;
 /// Fault-free ticks that a force step is compared with.
 const QUIET_TICKS: u64 = 10_000;
+
+/// The kind of a fault that nobody asked for: its victim died or hung by itself.
+pub const EXTERNAL: &str = "external";
 
 /// How a death is found: by the latch of its main thread, or by the end of the process.
 pub const LATCH: &str = "latch";
@@ -57,7 +60,7 @@ pub struct Death {
 /// One fault.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
-    /// `kill`, `stop` …, or `external`.
+    /// The name of a [`FaultKind`], or [`EXTERNAL`].
     pub kind: String,
     /// The slot that it hit.
     pub target: String,
@@ -142,9 +145,28 @@ pub struct Fault {
 }
 
 impl Fault {
+    /// Whether it is of this kind.
+    pub fn is(&self, kind: FaultKind) -> bool {
+        self.kind == kind.name()
+    }
+
+    /// Somebody has found it out at a time, ns.
+    pub(crate) fn found_by(&mut self, by: &str, at_ns: u64) {
+        (self.detected_by, self.detected_us) = (by.into(), Some(us(at_ns, self.injected_ns)));
+    }
+
+    /// It is over since a time, ns.
+    pub(crate) fn over_at(&mut self, at_ns: u64) {
+        self.recovered_us = Some(us(at_ns, self.injected_ns));
+    }
+
+    fn is_of_servo(&self) -> bool {
+        Role::name_in(&self.target) == Role::Haptic.name()
+    }
+
     /// Both servos at once: nobody is left who computes a force, and it fades.
     fn is_of_both_servos(&self) -> bool {
-        self.together && self.target.split(':').next() == Some(Role::Haptic.name())
+        self.together && self.is_of_servo()
     }
 
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
@@ -155,8 +177,7 @@ impl Fault {
 
     /// The station tick at which a servo that was hit had recovered; `None` of any other process.
     fn servo_until(&self) -> Option<u64> {
-        let is_servo = self.target.split(':').next() == Some(Role::Haptic.name());
-        self.recovered_us.filter(|_| is_servo).map(|us| self.tick + whole_ticks(us))
+        self.recovered_us.filter(|_| self.is_of_servo()).map(|us| self.tick + whole_ticks(us))
     }
 
     /// Ticks at which the hand was given what this servo made while it did wrong. The last hop lets nothing through that is not finite or too large, so the
@@ -164,11 +185,11 @@ impl Fault {
     fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
         // One that lies in its stream alone, which nobody applies, gives the hand what it should.
         let Some(to_tick) = self.servo_until().filter(|_| self.output != Some(Output::Force)) else { return 0 };
-        if self.kind == STANDS_STILL {
+        if self.is(STANDS_STILL) {
             let stood = ledger.repeated(self.incarnation, self.tick.saturating_sub(MOVING_TICKS), self.tick);
             return if stood == 0 { ledger.repeated(self.incarnation, self.tick, to_tick) } else { 0 };
         }
-        if !NEVER_APPLIED.contains(&self.kind.as_str()) {
+        if !NEVER_APPLIED.iter().any(|kind| self.is(*kind)) {
             return 0;
         }
         // By the stamp of the force: a stall of the machine may let the servo read its orders later, and what it makes until then is as it should be.
@@ -187,7 +208,7 @@ impl Fault {
     }
 }
 
-pub(crate) fn us(at_ns: u64, since_ns: u64) -> f64 {
+fn us(at_ns: u64, since_ns: u64) -> f64 {
     at_ns.saturating_sub(since_ns) as f64 * 1e-3
 }
 

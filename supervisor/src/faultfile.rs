@@ -175,7 +175,7 @@ impl Injection {
 
 /// Why a name means nobody who can be hurt.
 fn no_target(name: &str) -> String {
-    if name.split(':').next() == Some(Role::Hardware.name()) {
+    if Role::name_in(name) == Role::Hardware.name() {
         return "hardware stands for the device on the desk, which keeps the ledger: it is no engine, and is not hurt; take device".into();
     }
     format!(

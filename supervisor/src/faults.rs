@@ -12,7 +12,7 @@ mod tend;
 mod tests;
 
 use crate::active::ActiveLog;
-use crate::fault::{Death, Fault, LATCH, PIDFD, Seen, bounds, judge, look, us};
+use crate::fault::{Death, EXTERNAL, Fault, LATCH, PIDFD, Seen, bounds, judge, look};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger};
 use crate::policy::Exit;
@@ -98,7 +98,7 @@ impl Faults {
         let text = std::fs::read_to_string(path(station, "faults.jsonl")).unwrap_or_default();
         let open = std::fs::read_to_string(path(station, "open.json")).unwrap_or_default();
         let open: Open = serde_json::from_str(&open).unwrap_or_default();
-        shortage::relieve_all(station, |kind| open.faults.iter().any(|fault| fault.kind == kind.name()));
+        shortage::relieve_all(station, |kind| open.faults.iter().any(|fault| fault.is(kind)));
         Ok(Faults {
             station: station.clone(),
             page: station.open_for_keeping()?,
@@ -166,10 +166,8 @@ impl Faults {
 
     fn start(&mut self, kind: &str, slot: Slot, incarnation: u32, injected_ns: u64) -> &mut Fault {
         let tick = self.tick_at(injected_ns);
-        let active = match slot.role() {
-            Role::Haptic | Role::Tissue | Role::Fluid => self.active.active_at(injected_ns, slot.role()) == incarnation,
-            _ => true,
-        };
+        let role = slot.role();
+        let active = !role.is_replicated() || self.active.active_at(injected_ns, role) == incarnation;
         let index = self.open.faults.len();
         self.open.faults.push(Fault {
             kind: kind.into(),
@@ -205,8 +203,7 @@ impl Faults {
             |fault: &&mut Fault| fault.detected_us.is_none() && fault.thread.is_none() && !mischief::is_lie(&fault.kind);
         if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
-            fault.detected_by = "heartbeat".into();
-            fault.detected_us = Some(us(at_ns, fault.injected_ns));
+            fault.found_by("heartbeat", at_ns);
             self.keep_open();
         }
     }
@@ -220,11 +217,11 @@ impl Faults {
     pub fn late(&mut self, slot: Slot, incarnation: u32, at_ns: u64, beat_ns: u64, detected_by: &str) {
         if let Some(fault) = self.cause(slot, incarnation) {
             fault.manifested = true;
-            (fault.detected_by, fault.detected_us) = (detected_by.into(), Some(us(at_ns, fault.injected_ns)));
+            fault.found_by(detected_by, at_ns);
             return self.keep_open();
         }
         if self.find(slot, incarnation).is_none() {
-            self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
+            self.start(EXTERNAL, slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         let suspected_ns = self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
@@ -234,8 +231,7 @@ impl Faults {
             // It does not end by itself any more: a successor ends it.
             fault.asked = fault.asked.map(|(_, done)| (0, done));
             if fault.detected_us.is_none() {
-                fault.detected_by = detected_by.into();
-                fault.detected_us = Some(us(seen_ns, fault.injected_ns));
+                fault.found_by(detected_by, seen_ns);
             }
         }
         self.keep_open();
@@ -248,7 +244,7 @@ impl Faults {
         if let Some(fault) = self.cause(slot, incarnation) {
             fault.manifested = true;
             if fault.detected_us.is_none() {
-                (fault.detected_by, fault.detected_us) = (by.into(), Some(us(at_ns, fault.injected_ns)));
+                fault.found_by(by, at_ns);
             }
             fault.starts_left = fault.starts_left.map(|left| left - 1);
             if fault.starts_left == Some(0) {
@@ -262,7 +258,7 @@ impl Faults {
             return self.keep_open();
         }
         if self.find(slot, incarnation).is_none() {
-            self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
+            self.start(EXTERNAL, slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
@@ -272,8 +268,7 @@ impl Faults {
             let is_it = fault.starts_left.is_none();
             fault.manifested |= is_it;
             if fault.detected_us.is_none() && is_it {
-                fault.detected_by = by.into();
-                fault.detected_us = Some(us(at_ns, fault.injected_ns));
+                fault.found_by(by, at_ns);
             }
         }
         self.keep_open();
@@ -285,7 +280,7 @@ impl Faults {
             self.ledger.read(page);
         }
         self.close(false, |fault, is_through, has_waited| {
-            let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
+            let give_up_ns = if fault.is(FaultKind::HangStart) { GIVE_UP_START_NS } else { GIVE_UP_NS };
             let until_ns = fault.asked.map_or(0, |(until_ns, _)| until_ns);
             let over = system::now_ns().saturating_sub(fault.injected_ns.max(until_ns)) > give_up_ns;
             over || fault.recovered_us.is_some() && is_through && has_waited

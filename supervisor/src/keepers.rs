@@ -142,7 +142,7 @@ fn strike_at(station: &Station, keepers: Keepers, injection: &Injection) -> Resu
     let page = station.open().map_err(|error| error.to_string())?;
     let moment_ns = match injection.tick {
         0 => 0,
-        tick => page.start_of(tick) + u64::from(injection.phase_us) * 1_000,
+        tick => page.start_of(tick).saturating_add(u64::from(injection.phase_us) * 1_000),
     };
     let hurt = Hurt::at(station, keepers, injection.kind, moment_ns)?;
     let hit = |(role, (victim, _)): (&Role, &(Living, _))| Hit { process: role.name().into(), incarnation: 0, pid: victim.pid };

@@ -20,7 +20,7 @@ mod swap;
 
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
-pub use limits::{Limits, is_judged, is_replicated, is_stateful, limits, sources};
+pub use limits::{Limits, is_judged, limits, sources};
 pub use reason::{Cause, Reason};
 pub use record::Record;
 pub use state::State;
@@ -200,7 +200,7 @@ fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
         let other = state.sibling(slot).and_then(|sibling| state.lasting(sibling));
         let is_holder = state.ladders.get(&slot.role()).is_some_and(|ladder| ladder.holder() == incarnation);
         let in_vain = state.ends_its_spare(slot, incarnation);
-        let patient = is_replicated(slot.role()) && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS && !in_vain;
+        let patient = slot.role().is_replicated() && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS && !in_vain;
         let action = match other {
             Some(incarnation) if is_holder && patient && !told => Action::HandOver { role: slot.role(), incarnation },
             Some(_) if is_holder && patient => continue,
@@ -316,7 +316,7 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
         return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
     // One that never was ready died of itself: of its driver, of its disk. A role with a state is tried with older ones first: see `died`.
-    let with_state = limits::is_stateful(slot.role());
+    let with_state = slot.role().is_stateful();
     place.mistrusted &= place.short_lives > 0;
     let is_enough = place.short_lives >= limits.mistrust_after() && !place.mistrusted;
     let mistrusts = end == End::OfItself && place.was_ready && !with_state && is_enough;

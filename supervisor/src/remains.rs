@@ -109,3 +109,14 @@ pub fn kill_all(station: &Station, meanwhile: impl FnMut()) -> Vec<String> {
     }
     victims.into_iter().map(|living| living.name).collect()
 }
+
+/// Ends everyone of a station, its guardian too, and removes what they leave.
+pub fn end_all(station: &Station) {
+    kill_all(station, || {});
+    if let Some(stand_in) = guardian(station) {
+        proc::signal(stand_in.pid, Signal::KILL); // the supervisor had time to start one
+        wait_until_dead(&stand_in);
+        kill_all(station, || {});
+    }
+    station.wipe();
+}

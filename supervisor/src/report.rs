@@ -1,4 +1,4 @@
-//! The report of a run, as JSON with the keys that design.md fixes, and the statistics of its faults.
+//! The report of a run, as JSON whose keys stay what they are, and the statistics of its faults.
 //!
 //! The supervisor hands it over in a file in the station's root once a second and at the end; the guardian adds what is left over after
 //! everything has stopped, with the bounds of the excess, and writes it where the user wants it.
@@ -17,20 +17,15 @@ use hyst_messages::page::{device, fluid, rendering, tissue};
 use hyst_messages::{Role, Slot, percentile_ns};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-
-fn path(station: &Station) -> PathBuf {
-    station.root().join("report.json")
-}
 
 /// Leaves the report for the guardian.
 pub fn hand_over(station: &Station, report: &Value) {
-    let _ = whole::write(&path(station), report.to_string().as_bytes()); // tried again in a second
+    let _ = whole::write(&station.report(), report.to_string().as_bytes()); // tried again in a second
 }
 
 /// The report that the supervisor handed over last, with the bounds of the excess; an empty object if there is none.
 pub fn take(station: &Station) -> Value {
-    let text = std::fs::read_to_string(path(station)).unwrap_or_default();
+    let text = std::fs::read_to_string(station.report()).unwrap_or_default();
     let mut report = serde_json::from_str(&text).unwrap_or_else(|_| json!({}));
     arms::bound_all(&mut report);
     report
@@ -71,7 +66,7 @@ fn process(account: &Account) -> Value {
 pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: &State) -> Value {
     let mut processes: Map<String, Value> =
         accounts.slots.iter().map(|(name, account)| (name.clone(), process(account))).collect();
-    for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+    for role in Role::REPLICATED {
         let active = active_slot(viewer, faults, role);
         if let Some(row) = active.and_then(|slot| processes.get(&slot.to_string())).cloned() {
             processes.insert(role.name().into(), row);
@@ -166,7 +161,7 @@ fn arm([ticks, missed, voided]: [u64; 3]) -> Value {
 fn by_target(faults: &Faults) -> Value {
     let mut groups: BTreeMap<String, Vec<&Fault>> = BTreeMap::new();
     for fault in &faults.closed {
-        let role = fault.target.split(':').next().unwrap_or("");
+        let role = Role::name_in(&fault.target);
         let indexed = Role::from_name(role).is_some_and(Role::is_indexed) && role != Role::CollisionWorker.name();
         let name = match (indexed, fault.active) {
             (false, _) => role.to_string(),

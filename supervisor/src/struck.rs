@@ -107,6 +107,7 @@ mod tests {
         assert_eq!((struck.tick, struck.phase_us), (4_321, 300));
         let struck = at(page.start_of(4_322) - 1);
         assert_eq!((struck.tick, struck.phase_us), (4_321, 999));
+        assert_eq!(page.start_of(u64::MAX), u64::MAX, "whoever asks for that tick is told that it is far ahead");
         station.wipe();
     }
 }

@@ -157,7 +157,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     control::serve(station, tell.clone()).map_err(system_error)?;
     let slots = plan.slots();
     let policy = State::new(&slots);
-    let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
+    let guests = Role::STATEFUL.into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),

@@ -7,6 +7,7 @@
 //! the machine's affair. Time counts only while the watching thread itself is punctual and another engine makes progress: if everybody stands
 //! still, it is the host. Hosts stall by up to 34 ms; a bound on the clock alone would kill healthy engines then.
 
+use hyst_engine::realtime;
 use hyst_messages::Role;
 
 /// Missed periods that make a suspect.
@@ -89,9 +90,9 @@ pub struct Gauge {
     pub most_cleared_ns: u64,
 }
 
-/// Whether a role has deadlines of a millisecond.
+/// Whether a role has deadlines of a millisecond: those that the machine lets run first, where it grants that.
 pub fn is_real_time(role: Role) -> bool {
-    matches!(role, Role::Hardware | Role::Device | Role::Haptic | Role::Tissue | Role::CollisionWorker)
+    realtime::priority(role).is_some()
 }
 
 /// Shortest period of a role, and the longest sleep between two beats of one that has nothing to do. Pictures may come every 4 ms; but one of them

@@ -2,6 +2,7 @@
 //! both alike. For faults that the report cannot judge, because who would write it is what is killed.
 
 use crate::Station;
+use crate::ended::MOST_VOID;
 use crate::shown::Promise;
 
 /// Shortest window, ticks, and those after the recovery that still belong to it: as the report's own windows.
@@ -9,8 +10,6 @@ const LEAST_TICKS: u64 = 200;
 const AFTER_TICKS: u64 = 20;
 /// Ticks between a fault's window and its control, in which whoever came back does its first work.
 const SETTLE_TICKS: u64 = 300;
-/// Share of a window that may be void: a stall of the host tells nothing of a fault, nor does a control of it.
-const MOST_VOID: f64 = 0.2;
 
 /// What the faults of one kind cost beyond their controls.
 #[derive(Debug, Default)]

@@ -10,11 +10,11 @@ const LOST_AT_MOST: u64 = 1_000;
 /// Excess misses per fault that a station's exit code forgives, as `hystation run` promises.
 const MOST_EXCESS: f64 = 0.1;
 
-/// Step of the force that is allowed beyond what fault-free ticks make, N, as design.md promises.
+/// Step of the force that is allowed beyond what fault-free ticks make, N, as a fault is judged by.
 pub const STEP_MARGIN_N: f64 = 0.05;
 
 /// Share of a window that may be void: those ticks tell nothing of a fault.
-const MOST_VOID: f64 = 0.2;
+pub(crate) const MOST_VOID: f64 = 0.2;
 
 /// How a station ended.
 pub struct Ended {

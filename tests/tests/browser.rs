@@ -334,7 +334,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     let before = station.pid("recorder", true).to_string();
     assert_eq!(browser.evaluate(CHOOSE), Some(json!(["kill", "recorder"])));
     let names = tab_to(&mut browser, "fault-do");
-    for field in ["events", "swap-role", "swap-binary", "swap-do", "fault-kind", "fault-target", "fault-for", "fault-where"] {
+    for field in ["events", "swap-role", "swap-binary", "swap-do", "fault-kind", "fault-target"] {
         assert!(names.iter().any(|name| name == field), "{field} is not reached by Tab: {names:?}");
     }
     browser.press("Enter", 13, "\r");

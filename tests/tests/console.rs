@@ -227,10 +227,12 @@ fn anonymous_kib(pid: i32) -> u64 {
     line.trim().trim_end_matches(" kB").parse().expect("a number")
 }
 
-/// Browsers that say nothing, half of something, or ask for the live view, its events or its pictures, and never read.
+/// Browsers that say nothing, half of something, a swap of which the rest never comes, or ask for the live view, its events or its pictures, and never read.
 fn stall(page: &Page, count: usize) -> Vec<TcpStream> {
     let asked = ["/events", "/picture.jpg?after=0"].map(|path| page.request(&format!("GET {path}"), "", ""));
-    let words = [String::new(), "GET / HTTP/1.1\r\nHost: ".into()].into_iter().chain(asked);
+    let origin = format!("Origin: http://127.0.0.1:{}\r\n", page.port);
+    let swap = page.request("POST /swap", &origin, "").replace("Content-Length: 0", "Content-Length: 4096");
+    let words = [String::new(), "GET / HTTP/1.1\r\nHost: ".into(), swap].into_iter().chain(asked);
     let one = |words: String| {
         let mut stream = page.connect().expect("a connection");
         let _ = stream.write_all(words.as_bytes()); // one that has to wait for a seat is not read yet

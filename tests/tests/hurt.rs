@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::{Promise, not_shown};
 use station_tests::windows::{Spinners, compare};
-use station_tests::{RECOVERY_LIMIT, Station, binaries, wait_for};
+use station_tests::{RECOVERY_LIMIT, STEP_MARGIN_N, Station, binaries, wait_for};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -39,9 +39,8 @@ const AT_ONCE_S: f64 = 0.005;
 /// Force that is felt, and below which nothing is, N.
 const FELT_N: f64 = 0.2;
 const NOTHING_N: f64 = 0.02;
-/// Ticks over which the last hop ramps a force to zero, and what its step may be beyond that share of it, N.
+/// Ticks over which the last hop ramps a force to zero.
 const RAMP_TICKS: f64 = 20.0;
-const STEP_MARGIN_N: f64 = 0.05;
 
 /// How often a lie is tried if the role changes hands before it is told.
 const TRIES: usize = 5;

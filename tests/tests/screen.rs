@@ -172,11 +172,11 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     let pose = || station.sample().pose;
     let far = |from: [f32; 3], to: [f32; 3]| from.iter().zip(to).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
 
-    // Nobody has touched anything: the hand stands.
+    // Nobody has touched anything: the hand stands, but for what the medium does to the scope.
     let began = pose();
     station.run_ticks(300);
     let drift_m = far(pose().position_m, began.position_m);
-    assert!(drift_m < 1e-9, "the hand goes by itself: {drift_m} m");
+    assert!(drift_m < 1e-6, "the hand goes by itself: {drift_m} m");
     let pull = || {
         display.xdotool(&["keydown", "Next", "sleep", "0.3", "keyup", "Next"]);
     };
@@ -292,7 +292,9 @@ fn beside_a_driver_the_keys_of_the_window_set_what_its_device_lacks_also_in_the_
     display.press(&station, "Home", "no higher pressure", || controls().set_pressure_pa > 9_333.0 + 600.0);
     assert!(display.xdotool(&["keydown", "Next", "sleep", "0.3", "keyup", "Next"]).is_some());
     station.run_ticks(300);
-    assert_eq!(station.sample().pose.insertion_m, 0.045, "the scope is the driver's");
+    // With the inflow shut the cavity closes about the scope, and its walls push the driver's hand by half a millimetre; those keys go some millimetres.
+    let insertion_m = station.sample().pose.insertion_m;
+    assert!((insertion_m - 0.045).abs() < 1.5e-3, "the scope is the driver's: {insertion_m} m");
 
     let set = controls();
     station.kill("rendering", true);

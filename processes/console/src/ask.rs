@@ -3,6 +3,7 @@
 
 use crate::desk::Desk;
 use crate::look::Status;
+use crate::outcomes;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
@@ -45,13 +46,16 @@ fn answer(text: &[u8]) -> Result<Value, String> {
     Err(answer["error"].as_str().unwrap_or("the supervisor refused, and did not say why").to_string())
 }
 
-/// Asks for the processes for as long as the console lives.
+/// Asks for the processes for as long as the console lives, and looks what came of faults where they may be injected.
 pub async fn follow(desk: Arc<Desk>) {
     let mut look = tokio::time::interval(LOOK);
     look.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         look.tick().await;
         let answer = ask(&desk.control(), &json!({ "do": "status" })).await;
+        if desk.test_mode {
+            desk.note_faults(outcomes::read(desk.station()));
+        }
         desk.note(answer.and_then(Status::read));
     }
 }

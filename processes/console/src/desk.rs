@@ -2,6 +2,7 @@
 //! browser that does not keep up is left behind.
 
 use crate::look::{History, Look, Pictures, Status, Swapping, Tissue};
+use crate::outcomes::Outcome;
 use crate::picture::Picture;
 use crate::pump::Pump;
 use axum::body::Bytes;
@@ -43,6 +44,8 @@ pub struct Desk {
 #[derive(Debug, Default)]
 struct Known {
     look: Look,
+    /// The supervisor has answered, or did not: before that a console that follows a dead one knows less than the browsers of that one.
+    has_asked: bool,
     history: History,
     lines: VecDeque<Line>,
     /// The newest message about the case, if the station has one.
@@ -89,6 +92,7 @@ impl Desk {
     /// What the supervisor said, or why it said nothing.
     pub fn note(&self, answer: Result<Status, String>) {
         let mut known = self.known();
+        known.has_asked = true;
         match answer {
             Ok(status) => {
                 known.history.note(&status.processes);
@@ -117,6 +121,11 @@ impl Desk {
     /// Which swaps are under way.
     pub fn note_swaps(&self, swaps: Vec<Swapping>) {
         self.known().look.swaps = swaps;
+    }
+
+    /// What came of the newest faults.
+    pub fn note_faults(&self, faults: Vec<Outcome>) {
+        self.known().look.faults = faults;
     }
 
     /// Who trains, and which recording is shown again.
@@ -155,7 +164,8 @@ impl Desk {
         // Whoever has read further than there is has read a file that was shortened since.
         let after = if known.lines.back().is_some_and(|line| line.id < after) { 0 } else { after };
         let lines = known.lines.iter().filter(|line| line.id > after);
-        let mut first = VecDeque::from([Bytes::from_static(b"retry: 500\n\n"), message("look", None, &known.look)]);
+        let mut first = VecDeque::from([Bytes::from_static(b"retry: 500\n\n")]);
+        first.extend(known.has_asked.then(|| message("look", None, &known.look)));
         first.extend(known.case.clone());
         first.extend(lines.map(|line| message("said", Some(line.id), &line.text)));
         (first, self.news.subscribe())
@@ -207,6 +217,7 @@ mod tests {
     #[test]
     fn a_browser_that_comes_again_gets_what_it_missed_once() {
         let desk = desk();
+        desk.note(Ok(Status::default()));
         desk.tell((1..=3).map(line).collect());
         let (first, mut news) = desk.subscribe(2);
         let first: Vec<String> = first.iter().map(text).collect();
@@ -225,7 +236,7 @@ mod tests {
         let desk = desk();
         let (_, mut news) = desk.subscribe(0);
         desk.tell((1..=10 * WAITING_NEWS as u64).map(line).collect());
-        assert_eq!(desk.subscribe(0).0.len(), 2 + KEPT_LINES);
+        assert_eq!(desk.subscribe(0).0.len(), 1 + KEPT_LINES);
         assert!(matches!(news.try_recv(), Err(broadcast::error::TryRecvError::Lagged(_))));
     }
 
@@ -241,6 +252,16 @@ mod tests {
         assert_eq!(desk.look().silence, None);
     }
 
+    /// A page emptied its table, and took the banner of the test mode away, for as long as the next console had not heard its supervisor.
+    #[test]
+    fn a_console_that_has_asked_nobody_yet_tells_no_look() {
+        let desk = desk();
+        let looks = || desk.subscribe(0).0.iter().filter(|message| text(message).starts_with("event: look\n")).count();
+        assert_eq!(looks(), 0);
+        desk.note(Err("no supervisor answers".into()));
+        assert_eq!(looks(), 1);
+    }
+
     #[test]
     fn an_end_is_told_to_who_looks() {
         let desk = desk();
@@ -254,10 +275,16 @@ mod tests {
         let desk = desk();
         desk.introduce(Some("Ana Müller".into()), Some("/a.mcap".into()));
         desk.note_swaps(vec![Swapping { role: "fluid", stage: "on probation" }]);
+        desk.note_faults(vec![Outcome { kind: "kill".into(), ..Outcome::default() }]);
         let (_, mut news) = desk.subscribe(0);
         desk.note(Ok(Status::default()));
         let told = text(&news.try_recv().unwrap());
-        for said in ["\"trainee\":\"Ana Müller\"", "\"replay\":\"/a.mcap\"", "{\"role\":\"fluid\",\"stage\":\"on probation\"}"] {
+        for said in [
+            "\"trainee\":\"Ana Müller\"",
+            "\"replay\":\"/a.mcap\"",
+            "{\"role\":\"fluid\",\"stage\":\"on probation\"}",
+            "\"faults\":[{\"kind\":\"kill\",",
+        ] {
             assert!(told.contains(said), "{said}: {told}");
         }
     }

@@ -2,6 +2,7 @@
 //! pictures; [`crate::pump`] has the pump.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
+use crate::outcomes::Outcome;
 use crate::pump::Pump;
 use hyst_messages::page::{Stage, Swap};
 use hyst_messages::{CUT_LIMIT, PICTURE_PASSES, RenderingStatus, Role, Slot, TissueStatus};
@@ -201,6 +202,8 @@ pub struct Look {
     pub trainee: Option<String>,
     /// The recording that is shown again, if one is.
     pub replay: Option<String>,
+    /// What came of the newest faults, the newest first; of a station in test mode alone.
+    pub faults: Vec<Outcome>,
 }
 
 /// Rate (Hz), wake-up latency and loop latency (µs) of a process at one look.

@@ -7,6 +7,7 @@ mod door;
 mod guard;
 mod look;
 mod metrics;
+mod outcomes;
 mod picture;
 mod pump;
 mod referee;

@@ -114,6 +114,17 @@ impl Sources {
         }
     }
 
+    /// How many of the device's ticks from this one on its rings hold no more, and nobody gives.
+    pub fn gone_ticks(&self, from: u64) -> u64 {
+        let (mut gone, mut from) = (0, from);
+        for page in self.devices.iter().flatten() {
+            let end = page.ring_end(device::APPLIED);
+            gone += end.saturating_sub(device::APPLIED.entries as u64).saturating_sub(from);
+            from = from.max(end);
+        }
+        gone
+    }
+
     /// What the newest of the fluids says of the pump at a tick, and the hardware of what is set.
     pub fn pump(&self, tick: u64) -> Option<Pump> {
         let newest = self.fluid()?;

@@ -84,7 +84,7 @@ async fn page() -> Response {
     };
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src 'self' blob: data:; connect-src 'self'; \
-         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'"
     );
     let said = [(header::CONTENT_TYPE, "text/html; charset=utf-8".to_string()), (header::CONTENT_SECURITY_POLICY, policy)];
     (said, PAGE.replace(NONCE, &nonce)).into_response()
@@ -286,12 +286,13 @@ mod tests {
     }
 
     #[test]
-    fn each_alarm_of_the_pump_is_told_with_the_meaning_that_the_handbook_gives_it() {
+    fn each_alarm_of_the_pump_is_told_with_the_meaning_and_the_cure_that_the_handbook_gives_it() {
         let handbook = include_str!("../../../docs/handbook.md");
         for (_, name) in PUMP_ALARMS.iter().filter(|(bit, _)| bit & PUMP_NOTICES == 0) {
             let row = handbook.lines().find_map(|line| line.strip_prefix(&format!("| {name} | "))).unwrap();
-            let meaning = row.split(" |").next().unwrap();
-            assert!(PAGE.contains(&format!("'{name}': '{meaning}',")), "{name}: {meaning}");
+            let mut cells = row.split(" |").map(str::trim);
+            let (meaning, cure) = (cells.next().unwrap(), cells.next().unwrap());
+            assert!(PAGE.contains(&format!("'{name}': ['{meaning}', '{cure}'],")), "{name}: {meaning}, {cure}");
         }
     }
 

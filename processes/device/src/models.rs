@@ -10,6 +10,9 @@ use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::tolerance::SHADOW_EPOCH;
 use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_ON_SCOPE_N, MAX_PLANES, Medium, Role};
 
+#[cfg(test)]
+mod tests;
+
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
 /// Farthest point from the pivot that is believed, m.
@@ -55,6 +58,8 @@ pub struct Models {
     fluids: [Option<Fluid>; FLUIDS],
     medium: Medium,
     medium_key: (u32, u64),
+    /// Latest ticks of which a model and a status were refused.
+    refused_ticks: [u64; 2],
 }
 
 impl Models {
@@ -69,6 +74,7 @@ impl Models {
             fluids: Default::default(),
             medium: Medium::default(),
             medium_key: (0, 0),
+            refused_ticks: [0; 2],
         }
     }
 
@@ -116,9 +122,10 @@ impl Models {
         is_seated(Role::Tissue, &tissue) && is_seated(Role::Fluid, &fluid)
     }
 
-    /// Whether the newest model and medium are of these ticks, or later ones.
+    /// Whether model and medium of these ticks, or later ones, have come. Where one was refused none other comes for it, and the one before is used.
     pub fn has_reached(&self, tissue_tick: u64, fluid_tick: u64) -> bool {
-        self.newest.state_tick >= tissue_tick && self.medium_key.1 >= fluid_tick
+        let [model, status] = self.refused_ticks;
+        self.newest.state_tick.max(model) >= tissue_tick && self.medium_key.1.max(status) >= fluid_tick
     }
 
     /// What the newest valid status of a fluid says, and its epoch and tick. It goes to tissue and servos in the input record, so that a substitute uses
@@ -140,6 +147,7 @@ impl Models {
             };
             if let Err(why) = verdict {
                 life.refuse(fluid.page.incarnation(), why);
+                self.refused_ticks[1] = self.refused_ticks[1].max(told_tick(status.state_tick, life));
             } else if status.epoch < self.medium_key.0 {
                 life.page.add64(header::STALE, 1);
             } else if key > self.medium_key {
@@ -171,6 +179,7 @@ impl Models {
             };
             if let Err(why) = verdict {
                 life.refuse(tissue.page.incarnation(), why);
+                self.refused_ticks[0] = self.refused_ticks[0].max(told_tick(model.state_tick, life));
             } else if key.0 < newest.0 {
                 life.page.add64(header::STALE, 1);
             } else if key > newest {
@@ -184,6 +193,11 @@ impl Models {
 /// Whether an epoch is one that nobody has won, or a tick far from being there: it would shut out all that come after it.
 fn is_ahead(horizon: &Option<Horizon>, key: (u32, u64), life: &Life) -> bool {
     horizon.as_ref().is_some_and(|horizon| horizon.is_passed_by(key, MOST_AHEAD_TICKS, &life.clock))
+}
+
+/// The tick of what was refused; 0 for one that has not come yet, which would be said of all until then.
+fn told_tick(tick: u64, life: &Life) -> u64 {
+    if tick <= life.clock.latest_tick() { tick } else { 0 }
 }
 
 /// Whether every number of the model is in its range, and the pose that it was computed from the one that was sent.
@@ -239,148 +253,5 @@ fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -
         () if status.state_tick <= before.state_tick => Err(Distrust::Still),
         () if flowing && status.deficit_ml.to_bits() == before.deficit_ml.to_bits() => Err(Distrust::Frozen),
         () => Ok(()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_exchange::Station;
-    use hyst_messages::page::station;
-    use hyst_messages::{ContactPlane, Slot};
-
-    fn by_epoch(epoch: u32, tick: u64) -> (u32, u64) {
-        (epoch, tick)
-    }
-
-    #[test]
-    fn a_model_with_any_number_out_of_range_is_refused() {
-        let plane =
-            ContactPlane { point_m: [0.0, 0.01, 0.05], stiffness_n_m: 300.0, normal: [0.0, 1.0, 0.0], damping_n_s_m: 0.5 };
-        let good = ContactModel { plane_count: 1, planes: [plane; MAX_PLANES], ..Default::default() };
-        assert!(is_valid(&good));
-        assert!(!is_valid(&ContactModel { plane_count: 9, ..good }));
-        let changes: [fn(&mut ContactPlane); 6] = [
-            |plane| plane.point_m[2] = f32::NAN,
-            |plane| plane.point_m[0] = 2.0,
-            |plane| plane.normal = [0.0, 0.5, 0.0],
-            |plane| plane.normal = [f32::INFINITY, 0.0, 0.0],
-            |plane| plane.stiffness_n_m = -1.0,
-            |plane| plane.damping_n_s_m = f32::NAN,
-        ];
-        for change in changes {
-            let mut bad = good;
-            change(&mut bad.planes[0]);
-            assert!(!is_valid(&bad), "{:?}", bad.planes[0]);
-        }
-    }
-
-    #[test]
-    fn a_newborn_device_has_all_seated_only_with_the_page_of_each_tissue_and_fluid_that_lives() {
-        let station = Station::named(&format!("t{}-seats", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let (keeping, clock) = (station.open_for_keeping().unwrap(), station.open().unwrap());
-        let slots = [(Role::Tissue, 0), (Role::Tissue, 1), (Role::Fluid, 0)].map(|(role, index)| Slot::new(role, index).unwrap());
-        for (slot, incarnation) in slots.into_iter().zip(3..) {
-            station.create_slot(slot, incarnation).unwrap();
-            keeping.store32(station::SLOT_INCARNATION + slot.number(), incarnation);
-        }
-        let page = |at: usize| station.read_slot(slots[at], 3 + at as u32).unwrap();
-        let mut models = Models::new([None, None], by_epoch);
-        assert!(!models.are_all_seated(&clock));
-        assert!(models.seat(0, page(0)).is_none() && models.seat_fluid(0, page(2)).is_none());
-        assert!(!models.are_all_seated(&clock), "the second tissue's page is missing");
-        assert!(models.seat(1, page(1)).is_none());
-        assert!(models.are_all_seated(&clock));
-        station.create_slot(slots[1], 9).unwrap();
-        keeping.store32(station::SLOT_INCARNATION + slots[1].number(), 9);
-        assert!(!models.are_all_seated(&clock), "its successor has another page");
-        keeping.store32(station::SLOT_DEAD + slots[1].number(), 1);
-        assert!(models.are_all_seated(&clock), "nobody waits for the dead");
-        station.wipe();
-    }
-
-    #[test]
-    fn a_newborn_device_uses_no_model_and_no_medium_older_than_its_predecessors() {
-        let station = Station::named(&format!("t{}-newborn", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        std::fs::write(station.settings(), "").unwrap();
-        let slots = [(Role::Device, 0), (Role::Tissue, 0), (Role::Tissue, 1), (Role::Fluid, 1)];
-        let [own, first, spare, fluid] = slots.map(|(role, index)| Slot::new(role, index).unwrap());
-        let pages = [(own, 9), (first, 3), (spare, 4), (fluid, 5)].map(|(slot, life)| station.create_slot(slot, life).unwrap());
-        let life = Life::begin(station.name(), own, 9).unwrap();
-        let model = |epoch: u32, state_tick: u64| ContactModel { epoch, state_tick, ..ContactModel::default() };
-        let status = |epoch: u32, state_tick: u64| FluidStatus { epoch, state_tick, pressure_pa: 1_000.0, ..Default::default() };
-        pages[2].write(tissue::MODEL, &model(2, 9)); // from when it held the role
-        pages[3].write(fluid::STATUS, &status(1, 12));
-        let mut models = Models::new([None, None], by_epoch);
-        models.seat(1, station.read_slot(spare, 4).unwrap());
-        models.seat_fluid(1, station.read_slot(fluid, 5).unwrap());
-        let before =
-            InputRecord { model: model(3, 7), pressure_pa: 5_000.0, medium_epoch: 1, medium_tick: 40, ..InputRecord::default() };
-        models.go_on_from(&before, &life);
-        let key = |model: ContactModel| (model.epoch, model.state_tick);
-        assert_eq!(key(models.newest(&life, 20)), (3, 7), "the spare's page has an older one");
-        assert_eq!(models.medium(&life, 20), (before.medium(), (1, 40)));
-        models.seat(0, station.read_slot(first, 3).unwrap());
-        pages[1].write(tissue::MODEL, &model(3, 6));
-        assert_eq!(key(models.newest(&life, 20)), (3, 7));
-        pages[1].write(tissue::MODEL, &model(3, 8));
-        assert_eq!(key(models.newest(&life, 20)), (3, 8));
-        let stale = life.page.load64(header::STALE);
-        pages[1].write(tissue::MODEL, &model(SHADOW_EPOCH, 9));
-        assert_eq!(key(models.newest(&life, 20)), (3, 8), "one that was computed beside the role");
-        assert_eq!(life.page.load64(header::STALE), stale, "and no reproach to its writer");
-        pages[3].write(fluid::STATUS, &status(1, 45));
-        assert_eq!(models.medium(&life, 20).1, (1, 45));
-        for nonsense in [
-            InputRecord { model: ContactModel { plane_count: 99, ..model(4, 9) }, ..before },
-            InputRecord { medium_tick: 50, pressure_pa: f32::NAN, ..before },
-            InputRecord::default(),
-        ] {
-            models.go_on_from(&nonsense, &life);
-            assert_eq!((key(models.newest(&life, 20)), models.medium(&life, 20).1), ((3, 8), (1, 45)));
-        }
-        station.wipe();
-    }
-
-    #[test]
-    fn a_status_that_is_no_number_stands_still_or_comes_again_is_refused() {
-        let before =
-            FluidStatus { state_tick: 66, deficit_ml: 3.0, pressure_pa: 9_000.0, inflow_ml_min: 90.0, ..FluidStatus::default() };
-        let good = FluidStatus { state_tick: 99, deficit_ml: 3.1, ..before };
-        let judge = |status: FluidStatus| judge_status(&status, Some(&before), 90);
-        assert_eq!(judge(good), Ok(()));
-        assert_eq!(judge(FluidStatus { pressure_pa: f32::NAN, ..good }), Err(Distrust::Invalid));
-        assert_eq!(judge(FluidStatus { pressure_pa: 1e9, ..good }), Err(Distrust::Invalid));
-        assert_eq!(judge(FluidStatus { deficit_ml: f64::INFINITY, ..good }), Err(Distrust::Invalid));
-        assert_eq!(judge(FluidStatus { state_tick: u64::MAX, ..good }), Err(Distrust::Invalid));
-        for speed in [f32::NAN, 1e6, f32::NEG_INFINITY] {
-            let mut bad = good;
-            bad.pieces[hyst_messages::MAX_PIECES - 1].velocity_m_s[1] = speed;
-            assert_eq!(judge(bad), Err(Distrust::Invalid), "{speed} m/s");
-        }
-        for newton in [f32::NAN, f32::INFINITY, -0.51] {
-            assert_eq!(judge(FluidStatus { on_scope_n: [0.0, newton, 0.0], ..good }), Err(Distrust::Invalid), "{newton} N");
-        }
-        assert_eq!(judge(FluidStatus { on_scope_n: [0.5, 0.0, -0.5], ..good }), Ok(()));
-        assert_eq!(judge(FluidStatus { state_tick: 66, ..good }), Err(Distrust::Still));
-        assert_eq!(judge(FluidStatus { deficit_ml: 3.0, ..good }), Err(Distrust::Frozen));
-        let shut = FluidStatus { deficit_ml: 3.0, inflow_ml_min: 0.0, ..good };
-        assert_eq!(judge(shut), Ok(()), "nothing flows: nothing need change");
-    }
-
-    #[test]
-    fn what_a_medium_does_to_the_scope_fades_once_nobody_says_it_any_more_and_its_pressure_stays() {
-        let medium = Medium { pressure_pa: 9_000.0, on_scope_n: [0.02, -0.04, 0.1], ..Medium::default() };
-        for (age_ticks, share) in [(0, 1.0), (33, 1.0), (500, 1.0), (750, 0.5), (1_000, 0.0), (u64::MAX, 0.0)] {
-            let old = aged(&medium, age_ticks);
-            assert_eq!(old.on_scope_n, medium.on_scope_n.map(|newton| newton * share), "{age_ticks} ticks");
-            assert_eq!((old.pressure_pa, old.pieces), (medium.pressure_pa, medium.pieces));
-        }
-        let step_n = (501..=1_000).map(|age| aged(&medium, age - 1).on_scope_n[2] - aged(&medium, age).on_scope_n[2]);
-        assert!(step_n.fold(0.0, f32::max) < 0.000_3, "nothing that is felt in a tick");
     }
 }

@@ -183,7 +183,7 @@ impl Replicas {
             self.selected = index; // it has the force of this tick as the other has: nothing else changes
         }
         let forces = records.map(|record| record.map(|record| record.force_n));
-        let choice = choose(before_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
+        let choice = choose(before_n, forces[0], forces[1], self.selected);
         if let Some(other) = choice.disagreement {
             self.distrust(other, life, Distrust::Differs);
         }

@@ -21,8 +21,8 @@ use crate::status::{Head, hash_of, is_of, status_of};
 use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
+use hyst_exchange::system;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, Horizon, system};
 use hyst_flow::{FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
@@ -31,7 +31,7 @@ use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
-use tissues::{TISSUES, TissueSource, key_of, positions_are_sane, topology_of};
+use tissues::Tissues;
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas, vessels that are coagulated.
 const SECTIONS: usize = seals::SECTION + 1;
@@ -61,13 +61,10 @@ pub struct FlowEngine<'a> {
     step_ticks: Cell<u64>,
     /// Epoch, tick and writer of the state that the solver holds.
     holds: Option<(u32, u64, u32)>,
-    sources: [TissueSource; TISSUES],
-    state: Option<Held>,
+    tissues: Tissues,
     heard: Heard,
     /// What it mended of walls and sample for the step, bits of [`hyst_messages::FLOW_FLAWS`].
     flaws: u32,
-    /// Of the tissue.
-    horizon: Horizon,
     status: FluidStatus,
     lies: Lies,
 }
@@ -93,6 +90,7 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     let (pump, cavity) = (&figures.pump, &figures.cavity);
     model.pump = PumpModel {
         container_ml: figures.container_ml.into(),
+        deficit_alarm_ml: figures.deficit_alarm_ml,
         max_flow_ml_s: pump.max_flow_ml_min / 60.0,
         inflow_ml_s_pa: pump.inflow_ml_s_pa,
         outflow_ml_s_pa: pump.outflow_ml_s_pa,
@@ -135,11 +133,9 @@ impl<'a> FlowEngine<'a> {
             halvings,
             step_ticks: Cell::new(figures.period_ticks()),
             holds: None,
-            sources: Default::default(),
-            state: None,
+            tissues: Tissues::new(life)?,
             heard: Heard::new(life.is_lockstep()),
             flaws: 0,
-            horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
         })
@@ -154,39 +150,17 @@ impl<'a> FlowEngine<'a> {
 
     /// Takes the tissue's newest state and topology.
     fn receive(&mut self) {
-        let mut key = self.state.as_ref().and_then(key_of);
-        let (horizon, clock) = (&self.horizon, &self.life.clock);
-        let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, self.step_ticks.get(), clock);
-        for source in &mut self.sources {
-            if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
-                && key_of(&held) > key
-            {
-                if positions_are_sane(&held) && !key_of(&held).is_some_and(is_ahead) {
-                    key = key_of(&held);
-                    self.state = Some(held);
-                } else {
-                    self.life.page.add64(header::INVALID, 1);
-                }
-            }
-            source.take_topology(self.life);
-        }
+        self.tissues.receive(self.life, self.step_ticks.get());
     }
 
-    fn has_walls_of(&self, state: &Held) -> bool {
-        let state = Message::parse(state.bytes(), Kind::TissueState);
-        state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
-    }
-
-    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is, at rest. Walls
-    /// move if the state is a newer one than that of the step before, `last_tick`, of which the fluid's mask was `before`.
+    /// Makes the walls from the tissue's newest state that can be, and finds what floats; without one all stays as it is, at rest. Walls move if the state is a
+    /// newer one than that of the step before, `last_tick`, of which the fluid's mask was `before`. Gives the tick of the state that they are of.
     fn update_walls(&mut self, last_tick: u64, before: &[u8]) -> Result<u64, Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         self.receive();
         // Who has kept his own fields forgets how the walls went, as who has loaded them knows nothing of it.
         self.crew.solver().set_mask(before).map_err(broken)?;
-        let Some(state) = &self.state else { return Ok(0) };
-        let state = Message::parse(state.bytes(), Kind::TissueState)?;
-        let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
+        let Some((state, topology)) = self.tissues.newest() else { return Ok(last_tick) };
         let owner: &[u32] = topology.section(2)?;
         let velocities_m_s: &[[f32; 3]] = if state.header().tick > last_tick { state.section(2)? } else { &[] };
         let tissue = Tissue { positions_m: state.section(1)?, velocities_m_s, tets: topology.section(1)? };
@@ -297,20 +271,22 @@ impl Stateful for FlowEngine<'_> {
         is_sound
     }
 
-    /// The tissue's state that the sequencer has seen finished, the hardware's sample of this tick.
+    /// The tissue's state that the sequencer has seen finished, or that it was refused; and the hardware's sample of this tick.
     fn is_supplied(&mut self, _tick: u64, next_tick: u64) -> bool {
         self.receive();
         let tissue_tick = self.life.clock.page().load64(station::TISSUE_TICK);
-        self.state.as_ref().is_some_and(|state| self.has_walls_of(state))
-            && self.state.as_ref().and_then(key_of).is_some_and(|(_, tick)| tick >= tissue_tick)
-            && self.heard.newest_tick() == Some(next_tick)
+        self.tissues.have_reached(tissue_tick) && self.heard.newest_tick() == Some(next_tick)
+    }
+
+    /// Where the newest state of the tissue is refused the one before is in use: a spare that takes the role has the same one as the holder had.
+    fn look(&mut self) {
+        self.receive();
     }
 
     fn is_connected(&mut self) -> bool {
         self.receive();
         let lives = |role: Role| self.life.clock.occupied(role).any(|(slot, _)| !self.life.clock.is_dead(slot));
-        (self.heard.is_connected() || !lives(Role::Hardware))
-            && (self.state.as_ref().is_some_and(|state| self.has_walls_of(state)) || !lives(Role::Tissue))
+        (self.heard.is_connected() || !lives(Role::Hardware)) && (self.tissues.newest().is_some() || !lives(Role::Tissue))
     }
 
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
@@ -352,10 +328,7 @@ impl Stateful for FlowEngine<'_> {
         let index = arrival.slot.index();
         let before = match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, UsherPort::Page(page)) => self.heard.replace(page).map(Departure::Page),
-            (Role::Tissue, UsherPort::Stream(kind, stream)) => self.sources.get_mut(index).and_then(|source| {
-                let place = if kind == Kind::TissueState { &mut source.states } else { &mut source.topologies };
-                place.replace(stream).map(Departure::Stream)
-            }),
+            (Role::Tissue, UsherPort::Stream(kind, stream)) => self.tissues.replace(index, kind, stream),
             _ => None,
         };
         if let Some(before) = before {

@@ -25,6 +25,10 @@ pub use tools::Instrument;
 
 use hyst_engine::{Failure, Life, Stateful};
 
+// The scene, the records and the solver, which know nothing of each other, count pressures in one unit.
+const _: () =
+    assert!(hyst_flow::PA_PER_MMHG == hyst_messages::PA_PER_MMHG && hyst_scene::PA_PER_MMHG == hyst_messages::PA_PER_MMHG);
+
 /// The Flow Engine, for who puts something around it.
 pub fn engine(life: &Life) -> Result<impl Stateful + '_, Failure> {
     engine::FlowEngine::new(life)

@@ -72,7 +72,7 @@ fn leads(word: &ForceRecord, other: Seat, me: Seat, selected: u32) -> bool {
 /// What to compute `tick` from; `last` is what this servo said last, `selected` the incarnation that the device follows.
 pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<&Other>, tick: u64, selected: u32) -> Origin {
     let own = |astray| Origin { state: state_of(last), astray };
-    let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick);
+    let heard = other.filter(|other| other.newest.tick.saturating_add(LONELY_TICKS) > tick);
     let said = heard.map(|other| (other.before.unwrap_or(other.newest), other.seat));
     let before = heard.and_then(|other| other.before);
     let says_its_first = last.tick == 0 && before.is_some();
@@ -83,7 +83,8 @@ pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<
     if !led || (whole && !differs) {
         return own(false);
     }
-    let sound = before.map(|before| state_of(&before)).filter(|state| state.is_sound(params) && state.tick + 1 == tick);
+    let sound =
+        before.map(|before| state_of(&before)).filter(|state| state.is_sound(params) && state.tick.checked_add(1) == Some(tick));
     sound.map_or_else(|| own(true), |state| Origin { state, astray: false })
 }
 
@@ -165,6 +166,17 @@ mod tests {
         let none_before = Other { newest: said(100, 0.2, FORCE_SHADOW), before: None, ..other };
         let from = origin(&ServoParams::default(), first, &ForceRecord::default(), Some(&none_before), 100, 0);
         assert_eq!((from.state.tick, from.astray), (0, false), "both begin");
+    }
+
+    #[test]
+    fn a_word_of_the_last_tick_that_can_be_written_ends_nobody_who_hears_it() {
+        let beyond = said(u64::MAX, 0.2, 0);
+        assert_eq!(gone_on(said(99, 0.1, 0), beyond, Some(beyond), 0), (0.1, false));
+        assert_eq!(
+            gone_on(said(90, 0.1, 0), beyond, Some(beyond), 0),
+            (0.1, true),
+            "it lost ticks, and that is no state of them"
+        );
     }
 
     #[test]

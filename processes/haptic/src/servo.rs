@@ -230,7 +230,7 @@ impl Servo<'_> {
         }
         // One whose word cannot be, or is not of its tick, is no one to agree with: while a newborn waited for a liar nobody would replace the liar.
         let is_word = |other: &&Other| other.before.is_none_or(|before| accord::is_sound(&self.params, &before));
-        let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick).filter(is_word);
+        let heard = other.filter(|other| other.newest.tick.saturating_add(LONELY_TICKS) > tick).filter(is_word);
         match heard.map(|other| (other.before, other.newest.flags & FORCE_SHADOW != 0)) {
             Some((Some(before), _)) => {
                 self.agreed = if accord::agree(&before, &self.last) { self.agreed + 1 } else { 0 };

@@ -30,7 +30,7 @@ impl History for DeviceLife {
     fn began(&self) -> Option<u64> {
         if self.began.get().is_none() {
             let end = self.end();
-            let oldest = (end + 1).saturating_sub(RING_TICKS);
+            let oldest = end.saturating_add(1).saturating_sub(RING_TICKS);
             self.began.set((oldest..end).find(|tick| self.read(*tick).is_some()));
         }
         self.began.get()

@@ -227,7 +227,8 @@ impl Keeper {
     /// Publishes how far the recording has come; `given_up`: ticks of which the disk never said that it has them, and which nobody has any more.
     fn publish(&self, life: &Life, given_up: u64) {
         let noted = self.scribe.away_lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
-        let lost = self.scribe.file.lost + noted + given_up + self.doubtful_ticks;
+        // The file may name as many as there are numbers, if it was damaged.
+        let lost = [noted, given_up, self.doubtful_ticks].into_iter().fold(self.scribe.file.lost, u64::saturating_add);
         life.page.write(layout::STATUS, &RecorderStatus { lost, ..self.scribe.file.status() });
     }
 }

@@ -8,8 +8,6 @@ use hyst_recording::Checkpoint;
 
 /// Ticks between two checkpoints of the recording: what a replay computes at most before it shows what it was asked for.
 const INTERVAL_TICKS: u64 = 5_000;
-/// Roles with a state.
-const ROLES: [Role; 2] = [Role::Tissue, Role::Fluid];
 /// A state that is longer is not kept: in its JSON it would be longer than what any reader takes at once. The largest scenes' have some megabytes.
 pub const MOST_BYTES: usize = 24 << 20;
 
@@ -17,14 +15,15 @@ pub const MOST_BYTES: usize = 24 << 20;
 #[derive(Default)]
 pub struct Kept {
     /// For each role the tick from which on its next state is.
-    next_ticks: [u64; ROLES.len()],
+    next_ticks: [u64; Role::STATEFUL.len()],
 }
 
 impl Kept {
     /// The newest states, if it is time for them.
     pub fn take(&mut self, station: &Station, tick: u64) -> Vec<Checkpoint> {
         let mut found = Vec::new();
-        for (role, next_tick) in ROLES.into_iter().zip(&mut self.next_ticks).filter(|(_, next_tick)| tick >= **next_tick) {
+        for (role, next_tick) in Role::STATEFUL.into_iter().zip(&mut self.next_ticks).filter(|(_, next_tick)| tick >= **next_tick)
+        {
             let Some(kept) = checkpoint::latest(station, role) else { continue };
             *next_tick = tick + INTERVAL_TICKS;
             let state = bytes_of_words(&kept.words);

@@ -21,6 +21,8 @@ pub const IDS: [u64; 5] = [TOOL, RING, ARMS, JAWS[0], JAWS[1]];
 const ARM_M: f32 = 0.06;
 /// A loop that is in lies this far behind the tip, in the sheath, m: behind the lens as well.
 const SHEATHED_M: f32 = 0.02;
+/// Vertices of wounds after which all but a third of a loop is crusted: one stroke makes some twenty to forty (assumed).
+const CRUSTING_VERTICES: f32 = 40.0;
 /// The scope until the tissue has said what the scene's is: 5 mm, 30° fore-oblique, and no loop.
 const USUAL: ScopeRecord = ScopeRecord {
     oblique_rad: std::f32::consts::FRAC_PI_6,
@@ -45,6 +47,8 @@ pub struct Instrument {
     jaw_length_m: f32,
     /// Whether the loop is drawn as one with current in it.
     is_hot: bool,
+    /// How much burnt tissue clings to it.
+    eschar: f32,
 }
 
 /// The surfaces from files that a topology brings; `None` if its sections contradict each other, or a number is not finite.
@@ -73,6 +77,13 @@ fn ring_m(extension_m: f32) -> f32 {
     if extension_m > 0.0 { extension_m.min(ARM_M) } else { -SHEATHED_M }
 }
 
+/// How much burnt tissue clings to a loop in a scene with these wounds: 1 for each surface vertex on one. What it has cut is all there, so that a rendering
+/// that is restarted shows the same.
+fn crust(raw: &[u32]) -> f32 {
+    let cut = raw.iter().filter(|raw| **raw != 0).count();
+    1.0 - (-(cut as f32) / CRUSTING_VERTICES).exp()
+}
+
 /// How far a jaw of a length is turned when the tips are so far apart, rad.
 fn turn_rad(apart_m: f32, length_m: f32) -> f32 {
     if apart_m > 0.0 && length_m > 0.0 { (apart_m / (2.0 * length_m)).min(1.0).asin() } else { 0.0 }
@@ -81,8 +92,14 @@ fn turn_rad(apart_m: f32, length_m: f32) -> f32 {
 impl Instrument {
     /// The usual one, on a stage.
     pub fn new(stage: &mut Stage) -> Result<Instrument, RenderError> {
-        let mut instrument =
-            Instrument { scope: USUAL, shaft: Shape::default(), jaw: Shape::default(), jaw_length_m: 0.0, is_hot: false };
+        let mut instrument = Instrument {
+            scope: USUAL,
+            shaft: Shape::default(),
+            jaw: Shape::default(),
+            jaw_length_m: 0.0,
+            is_hot: false,
+            eschar: 0.0,
+        };
         instrument.set(stage)?;
         Ok(instrument)
     }
@@ -95,8 +112,12 @@ impl Instrument {
         Ok(())
     }
 
-    /// Takes over the surfaces that a topology brings; those of one that makes no sense are left out.
+    /// Takes over what a topology's wounds leave on the loop, and the surfaces that it brings; those of one that makes no sense are left out.
     pub fn rebuild(&mut self, stage: &mut Stage, topology: &Message<'_>) -> Result<(), Refused> {
+        let eschar = crust(topology.section(6)?);
+        if std::mem::replace(&mut self.eschar, eschar).to_bits() != eschar.to_bits() && self.scope.loop_radius_m > 0.0 {
+            stage.set_appearance(RING, self.wire())?;
+        }
         let Some([shaft, jaw]) = surfaces(topology)? else { return Ok(()) };
         if (&self.shaft, &self.jaw) != (&shaft, &jaw) {
             self.jaw_length_m = jaw.positions_m.iter().map(|place| place[2]).fold(0.0, f32::max);
@@ -114,7 +135,7 @@ impl Instrument {
         let shaft = if self.shaft.triangles.is_empty() { &rod } else { &self.shaft };
         put(stage, TOOL, shaft, Appearance { external_only: true, ..metal })?;
         if scope.loop_radius_m > 0.0 {
-            put(stage, RING, &shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m), wire())?;
+            put(stage, RING, &shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m), self.wire())?;
             put(stage, ARMS, &shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M), insulation())?;
         } else {
             stage.remove_object(RING);
@@ -150,16 +171,16 @@ impl Instrument {
         stage.set_pose(ARMS, ring.to_array(), pose.orientation)?;
         let is_hot = controls.buttons & BUTTON_ENERGIZED != 0 && controls.loop_extension_m > 0.0;
         if std::mem::replace(&mut self.is_hot, is_hot) != is_hot {
-            let glow = if is_hot { 1.0 } else { 0.0 };
-            stage.set_appearance(RING, Appearance { glow, ..wire() })?;
+            stage.set_appearance(RING, self.wire())?;
         }
         Ok(())
     }
-}
 
-/// Tungsten wire that has cut before: dull, or each facet of so thin a wire would glint for itself.
-fn wire() -> Appearance {
-    Appearance { roughness: 0.85, ..Appearance::of(Material::Metal) }
+    /// Tungsten wire that has cut before: dull, or each facet of so thin a wire would glint for itself.
+    fn wire(&self) -> Appearance {
+        let glow = if self.is_hot { 1.0 } else { 0.0 };
+        Appearance { roughness: 0.85, glow, eschar: self.eschar, ..Appearance::of(Material::Metal) }
+    }
 }
 
 /// What the arms are sheathed in.
@@ -179,6 +200,14 @@ mod tests {
     fn a_loop_that_is_in_lies_in_the_sheath_and_one_that_is_out_before_the_tip() {
         assert_eq!([0.0, 0.000_03, 0.012, 9.0].map(ring_m), [-SHEATHED_M, 0.000_03, 0.012, ARM_M]);
         assert_eq!(ring_m(f32::NAN), -SHEATHED_M);
+    }
+
+    #[test]
+    fn a_loop_is_crusted_the_more_the_more_it_has_cut() {
+        let after = |cut: usize| crust(&[vec![0_u32; 900], vec![1; cut]].concat());
+        assert_eq!([crust(&[]), after(0)], [0.0, 0.0]);
+        let [first, many] = [30, 600].map(after);
+        assert!(0.3 < first && first < 0.7 && 0.99 < many && many <= 1.0, "{first} {many}");
     }
 
     #[test]

@@ -62,7 +62,8 @@ fn is_sound(scope: &ScopeRecord) -> bool {
 pub fn appearance(record: &AppearanceRecord) -> Appearance {
     let material = match record.material {
         0 => Material::MucosaTissue,
-        1 | 2 => Material::Polyp,
+        1 => Material::Polyp,
+        2 => Material::Myoma,
         3 => Material::Metal,
         _ => Material::MucosaTissue,
     };
@@ -175,6 +176,6 @@ mod tests {
     #[test]
     fn an_unknown_material_is_drawn_as_tissue() {
         let of = |material| appearance(&AppearanceRecord { material, ..Default::default() }).material;
-        assert_eq!([of(1), of(3), of(77)], [Material::Polyp, Material::Metal, Material::MucosaTissue]);
+        assert_eq!([1, 2, 3, 77].map(of), [Material::Polyp, Material::Myoma, Material::Metal, Material::MucosaTissue]);
     }
 }

@@ -16,8 +16,10 @@ pub const MAX_OBJECTS: usize = 256 + 16;
 /// Triangles of one object: ten times the largest mesh that a station is asked to show.
 pub const MAX_TRIANGLES: usize = 10_000_000;
 
-/// How far the lobes of a growth stand out in the picture, m, and tiles of the relief in a metre: lobes of some 4 mm. The collision knows nothing of them.
+/// How far the lobes of a growth stand out in the picture, m, those of a myoma, and tiles of the relief in a metre: lobes of some 4 mm. The collision knows
+/// nothing of them.
 const LOBES_M: f32 = 3.5e-4;
+const KNOBS_M: f32 = 1.5e-4;
 const LOBES_PER_M: f32 = 30.0;
 /// Most light on what drifts: beside the lens it would be white.
 const MOST_LIGHT: f32 = 0.9;
@@ -31,11 +33,13 @@ pub enum Material {
     MucosaTissue,
     /// a growth: paler and smoother, with more of the finest vessels
     Polyp,
+    /// a growth of muscle: pale, smooth and shining, with large vessels; what is cut of it whorls
+    Myoma,
     /// coagulated or cut tissue
     Coagulated,
     /// scope, sheath, loop
     Metal,
-    /// bubbles: balls whose vertices have as places at rest their directions from the middle
+    /// bubbles: balls within facets whose vertices have as places at rest those about the middle, in radii
     Gas,
     /// what drifts in the medium: it throws no shadow
     Flake,
@@ -54,6 +58,8 @@ pub struct Appearance {
     pub external_only: bool,
     /// light that metal gives itself, 0..=1: a wire with current in it
     pub glow: f32,
+    /// burnt tissue that clings to metal, 0..=1: a wire that has cut
+    pub eschar: f32,
 }
 
 impl Appearance {
@@ -62,12 +68,22 @@ impl Appearance {
         let (base_colour, roughness) = match material {
             Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.30),
             Material::Polyp => ([0.76, 0.33, 0.28], 0.25),
+            Material::Myoma => ([0.80, 0.52, 0.455], 0.25),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
             Material::Flake => ([0.95, 0.80, 0.74], 0.5),
         };
-        Self { base_colour, material, roughness, external_only: false, glow: 0.0 }
+        Self { base_colour, material, roughness, external_only: false, glow: 0.0, eschar: 0.0 }
+    }
+
+    /// How charred it is drawn, 0..=1.
+    fn charred(&self) -> f32 {
+        match self.material {
+            Material::Coagulated => 0.55,
+            Material::Metal => share(self.eschar, 0.0),
+            _ => 0.0,
+        }
     }
 }
 
@@ -123,7 +139,6 @@ pub(crate) struct Object {
     pub appearance: Appearance,
     pub moved: bool,
     pose: Mat4,
-    char_level: f32,
     mouths: [[f32; 4]; 2],
     spots: [[f32; 4]; MAX_SPOTS],
 }
@@ -203,7 +218,6 @@ impl Stage {
     pub fn set_appearance(&mut self, id: u64, appearance: Appearance) -> Result<(), RenderError> {
         let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
         object.appearance = appearance;
-        object.char_level = if appearance.material == Material::Coagulated { 0.55 } else { 0.0 };
         Ok(())
     }
 
@@ -255,6 +269,7 @@ impl Stage {
         let (vessels, bump, frequency, glands) = match look.material {
             Material::MucosaTissue => (0.75, 0.50, 62.0, 1.0),
             Material::Polyp => (1.0, 0.24, 80.0, 0.25),
+            Material::Myoma => (1.0, 0.24, 48.0, 0.0),
             Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
             Material::Gas => (0.0, 0.0, 60.0, 0.0),
@@ -262,18 +277,18 @@ impl Stage {
         };
         let shape = match look.material {
             Material::Polyp => [LOBES_M, LOBES_PER_M, 0.0, 0.0],
+            Material::Myoma => [KNOBS_M, LOBES_PER_M, 0.0, 1.0],
             Material::Flake => [0.0, 0.0, MOST_LIGHT, 0.0],
             _ => [0.0; 4],
         };
-        let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
-        let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };
-        let glow = if look.glow.is_finite() { look.glow.clamp(0.0, 1.0) } else { 0.0 };
+        let [r, g, b] = look.base_colour.map(|c| share(c, 0.5));
+        let (roughness, glow) = (share(look.roughness, 0.5), share(look.glow, 0.0));
         let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
             model: object.pose.to_cols_array_2d(),
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
-            extra: [whole, object.char_level, glow, glands],
+            extra: [whole, look.charred(), glow, glands],
             mouths: object.mouths,
             shape,
             spots: object.spots,
@@ -311,7 +326,6 @@ impl Stage {
             appearance: mesh.appearance,
             moved: true,
             pose,
-            char_level: if mesh.appearance.material == Material::Coagulated { 0.55 } else { 0.0 },
             mouths: [[0.0; 4]; 2],
             spots: [[0.0; 4]; MAX_SPOTS],
         }
@@ -328,6 +342,11 @@ impl Stage {
         }
         buffer
     }
+}
+
+/// A share, or `otherwise` if it is no number.
+fn share(x: f32, otherwise: f32) -> f32 {
+    if x.is_finite() { x.clamp(0.0, 1.0) } else { otherwise }
 }
 
 fn bound(what: &'static str, got: usize, bound: usize) -> Result<(), RenderError> {

@@ -96,7 +96,7 @@ fn blood(r: &mut Renderer, is_whole: bool) -> View {
 fn chip(r: &mut Renderer, is_whole: bool) -> View {
     walls(r);
     let mut gas = Bubbles::new(GAS);
-    let parcels = [-3.0, -1.0, 1.5, 3.0].map(|x: f32| [1e-3 * x, 0.0035, 0.024 + 3e-4 * x.abs(), 2e-3]);
+    let parcels = [-3.0, -1.0, 1.5, 3.0].map(|x: f32| [1e-3 * x, 0.00428, 0.024 + 3e-4 * x.abs(), 2e-3]);
     if is_whole {
         gas.show(r.stage(), &parcels).expect("there is room");
         let mut piece = shapes::ball([0.0; 3], 0.0025, 16, 24);

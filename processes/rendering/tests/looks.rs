@@ -3,7 +3,7 @@
 mod stand;
 
 use glam::Vec3;
-use rendering::{Material, Renderer, View, Without, shapes};
+use rendering::{Appearance, Material, Renderer, SurfaceMesh, View, Without, shapes};
 use stand::*;
 
 /// Nothing but colour and light.
@@ -169,4 +169,124 @@ fn light_goes_around_an_edge_in_the_tissue_red_the_farthest_and_a_growths_limb_g
         assert_eq!(night[0] > 12.0, glows, "{material:?}: {night:?}");
         assert!(glows || night[0].abs() < 2.0, "{material:?}: {night:?}");
     }
+}
+
+/// Puts up the wall of [`lining`], of a material, laid open where this holds of a place across it, m.
+fn laid_open(material: Material, is_open: impl Fn(f32) -> bool) -> impl Fn(&mut Renderer) {
+    move |r: &mut Renderer| {
+        let wall = wall(0.008, 0.010);
+        let raw: Vec<u32> = wall.positions_m.iter().map(|place| u32::from(is_open(place[0]))).collect();
+        let appearance = Appearance::of(material);
+        let mesh = SurfaceMesh { triangles: &wall.triangles, rest_m: &wall.positions_m, raw: &raw, appearance };
+        r.stage().set_object(CAVITY, mesh).expect("a sound mesh");
+    }
+}
+
+#[test]
+fn what_is_laid_open_is_of_strands_and_paler_in_a_myoma() {
+    let view = close_up(0.008);
+    let shoot = |material: Material, is_open: bool| shot(PLAIN, &view, laid_open(material, |_| is_open));
+    let Some(lining) = shoot(Material::MucosaTissue, false) else { return };
+    let Some(wall) = shoot(Material::MucosaTissue, true) else { return };
+    let Some(capsule) = shoot(Material::Myoma, false) else { return };
+    let Some(myoma) = shoot(Material::Myoma, true) else { return };
+    let [lining, wall, capsule, myoma] = [&lining, &wall, &capsule, &myoma].map(|shot| {
+        let places = || middle([70, 50]);
+        (steps(shot, places())[1], mean(shot, 1, places()))
+    });
+    println!("steps and green: lining {lining:?}, laid open {wall:?}; capsule {capsule:?}, laid open {myoma:?}");
+    // Of stumps and coagulum alone it is three times as uneven as the lining, and a myoma a fifth as its capsule.
+    assert!(wall.0 > 5.0 * lining.0 && myoma.0 > 4.0 * capsule.0, "{lining:?} {wall:?} {capsule:?} {myoma:?}");
+    assert!(myoma.1 > wall.1 + 15.0, "{wall:?} {myoma:?}");
+}
+
+#[test]
+fn the_wire_blanches_the_lining_beside_a_wound_and_scorches_the_edge() {
+    let view = close_up(0.008);
+    let Some(whole) = shot(PLAIN, &view, laid_open(Material::MucosaTissue, |_| false)) else { return };
+    // +x is on the picture's left. The edge lies between the middle, pixel 80, and 2.5 mm beside it, pixel 112.
+    let Some(cut) = shot(PLAIN, &view, laid_open(Material::MucosaTissue, |x_m| x_m > -1e-6)) else { return };
+    let columns = |from: u32, to: u32| (from..to).flat_map(|x| (20..100).map(move |y| [x, y]));
+    let scorched = |from: u32, to: u32| {
+        let fallen = |&[x, y]: &[u32; 2]| pixel(&whole, x, y)[0] - pixel(&cut, x, y)[0] > 40;
+        columns(from, to).filter(fallen).count()
+    };
+    let [wound, edge, lining] = [scorched(20, 80), scorched(84, 100), scorched(108, 150)];
+    let [beside, far] = [columns(100, 106), columns(114, 150)].map(|places| {
+        let paler = |channel: usize| mean(&cut, channel, places.clone()) - mean(&whole, channel, places.clone());
+        [paler(0), paler(2)]
+    });
+    println!(
+        "{edge} pixels of the edge are scorched, {wound} of the wound, {lining} of the lining; red and blue beside it {beside:?}, far {far:?}"
+    );
+    assert!(edge > 30 && wound < 5 && lining == 0, "{wound} {edge} {lining}");
+    assert!(
+        beside[1] > 5.0 && beside[0].abs() < 0.5 * beside[1] && far.iter().all(|rise| rise.abs() < 1.0),
+        "{beside:?} {far:?}"
+    );
+}
+
+#[test]
+fn large_vessels_run_over_a_myoma() {
+    let bare = Without { vessels: false, ..PLAIN };
+    let view = close_up(0.008);
+    let share = |material: Material| {
+        let with = shot(bare, &view, laid_open(material, |_| false))?;
+        let without = shot(PLAIN, &view, laid_open(material, |_| false))?;
+        let fallen = |[x, y]: [u32; 2]| pixel(&without, x, y)[1] - pixel(&with, x, y)[1] > 25;
+        Some(middle([70, 50]).filter(|at| fallen(*at)).count() as f32 / middle([70, 50]).count() as f32)
+    };
+    let (Some(polyp), Some(myoma)) = (share(Material::Polyp), share(Material::Myoma)) else { return };
+    println!("{myoma} of a myoma is a vessel to be seen from afar, {polyp} of a polyp");
+    assert!(myoma > 1.6 * polyp && (0.02..0.15).contains(&myoma), "{polyp} {myoma}");
+}
+
+#[test]
+fn a_wire_that_has_cut_is_dark_with_what_has_burnt_on_it_and_glows_beside_that() {
+    let view = close_up(0.006);
+    // Eschar and glow of a loop before the lining, if there is one.
+    let seen = |wire: Option<[f32; 2]>| {
+        let set = |r: &mut Renderer| {
+            lining(r);
+            let Some([eschar, glow]) = wire else { return };
+            put(r, TOOL, &shapes::loop_ring(0.0022, 0.000_15), Material::Metal);
+            let appearance = Appearance { eschar, glow, roughness: 0.85, ..Appearance::of(Material::Metal) };
+            r.stage().set_appearance(TOOL, appearance).expect("it is there");
+            r.stage().set_pose(TOOL, [0.0, -0.001, 0.006], [0.0, 0.0, 0.0, 1.0]).expect("it is there");
+        };
+        shot(Without::default(), &view, set)
+    };
+    let Some(none) = seen(None) else { return };
+    let wires = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [f32::NAN, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let all = wires.map(|wire| seen(Some(wire)).expect("as the first"));
+    let is_wire =
+        |[x, y]: &[u32; 2]| (0..3).any(|channel| pixel(&none, *x, *y)[channel].abs_diff(pixel(&all[0], *x, *y)[channel]) > 12);
+    let places: Vec<[u32; 2]> = middle([78, 58]).filter(is_wire).collect();
+    let green = all.each_ref().map(|shot| mean(shot, 1, places.iter().copied()));
+    println!("{} pixels of wire, of a green of {green:?} with eschar and glow of {wires:?}", places.len());
+    let [clean, some, full, nonsense, hot, hot_full] = green;
+    assert!(places.len() > 200 && some < 0.97 * clean && full < 0.6 * clean, "{green:?}");
+    assert!((nonsense - clean).abs() < 0.01 && hot_full > full + 30.0 && hot_full < 0.9 * hot, "{green:?}");
+}
+
+#[test]
+fn a_coagulated_spot_is_charred_in_the_middle_white_about_it_and_fades_into_the_lining() {
+    let view = close_up(0.008);
+    let marked = |r: &mut Renderer| {
+        lining(r);
+        r.stage().set_spots(CAVITY, &[[0.0, 0.0, 0.008, 0.003]]).expect("it is there");
+    };
+    let Some(spot) = shot(PLAIN, &view, marked) else { return };
+    let Some(plain) = shot(PLAIN, &view, lining) else { return };
+    // By how much it is redder and greener than the lining between these shares of its radius, which is 39 pixels.
+    let ring = |from: f32, to: f32| {
+        let radius =
+            |[x, y]: &[u32; 2]| (*x as f32 + 0.5 - 0.5 * WIDTH as f32).hypot(*y as f32 + 0.5 - 0.5 * HEIGHT as f32) / 39.0;
+        let places: Vec<[u32; 2]> = middle([58, 58]).filter(|at| (from..to).contains(&radius(at))).collect();
+        rises([&spot, &plain], &places)
+    };
+    let [core, white, rim, lining] = [ring(0.0, 0.15), ring(0.40, 0.55), ring(0.70, 0.95), ring(1.25, 1.45)];
+    println!("red and green: core {core:?}, white {white:?}, rim {rim:?}, lining {lining:?}");
+    assert!(core[0] < -12.0 && core[1] < 0.6 * white[1] && white[0].abs() < 8.0 && white[1] > 35.0, "{core:?} {white:?}");
+    assert!((4.0..0.5 * white[1]).contains(&rim[1]) && lining[1].abs() < 2.0, "{white:?} {rim:?} {lining:?}");
 }

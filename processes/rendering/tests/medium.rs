@@ -92,9 +92,9 @@ fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
     let view = through_scope();
     let before = picture(&mut r, &view);
     let mut bubbles = Bubbles::new(77);
-    // 1e-3 ml is a ball of 1.24 mm, here 8 mm before the lens: some 12 of the 120 pixels of 90°, so an area of about a hundred.
+    // 1e-3 ml is a ball of 1.24 mm, which hangs from its place, here 8 mm before the lens: some 12 of the 120 pixels of 90°, so an area of about a hundred.
     let parcels =
-        [[0.0, 0.0, 0.023, 1e-3], [0.0; 4], [f32::NAN, 0.0, 0.02, 1e-3], [0.0, 0.0, 0.023, 1e9], [0.0, 0.0, 0.02, -1.0]];
+        [[0.0, 6.2e-4, 0.023, 1e-3], [0.0; 4], [f32::NAN, 0.0, 0.02, 1e-3], [0.0, 0.0, 0.023, 1e9], [0.0, 0.0, 0.02, -1.0]];
     assert!(bubbles.show(r.stage(), &parcels).unwrap() > 0);
     let with = picture(&mut r, &view);
     let seen = changed(&before, &with);
@@ -106,7 +106,7 @@ fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
     assert!(there > seen / 2, "{there} of {seen} pixels are where it is");
     // More than there was room for, then more than are ever drawn, then none: nothing is left of them.
     for count in [100, 5_000] {
-        bubbles.show(r.stage(), &vec![[0.0, 0.0, 0.023, 1e-3]; count]).unwrap();
+        bubbles.show(r.stage(), &vec![[0.0, 6.2e-4, 0.023, 1e-3]; count]).unwrap();
         assert_eq!(changed(&with, &picture(&mut r, &view)), 0, "{count} in one place");
     }
     assert_eq!(bubbles.show(r.stage(), &parcels[1..]).unwrap(), 0);
@@ -116,13 +116,34 @@ fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
 }
 
 #[test]
+fn a_bubble_under_the_wall_hangs_from_it_and_is_seen_nearly_whole() {
+    const RADIUS_M: f32 = 1.24e-3;
+    let Some((mut r, cavity)) = in_cavity() else { return };
+    let mut view = sharp();
+    picture(&mut r, &view); // which sets the exposure
+    view.adaptation = 0.0;
+    let before = picture(&mut r, &view);
+    let is_above = |[x, y, z]: &&[f32; 3]| x.abs() < 1.5e-3 && *y > 0.0 && (z - 0.033).abs() < 1e-3;
+    let ceiling_m = cavity.positions_m.iter().filter(is_above).map(|place| place[1]).fold(f32::INFINITY, f32::min);
+    let mut bubbles = Bubbles::new(77);
+    let mut seen = |top_m: f32| {
+        bubbles.show(r.stage(), &[[0.0, top_m, 0.033, 8e-3]]).unwrap();
+        changed(&before, &picture(&mut r, &view))
+    };
+    // As far below the axis and clear of the floor it is as large in the picture.
+    let [under, free] = [seen(ceiling_m), seen(2.0 * RADIUS_M + 1e-3 - ceiling_m)];
+    println!("{under} pixels of a bubble under the wall at {ceiling_m} m, {free} of one that is free");
+    assert!(free > 40 && 10 * under > 7 * free, "{under} of {free}");
+}
+
+#[test]
 fn a_bubble_is_clear_in_its_middle_has_a_dark_ring_and_shows_the_lamp() {
     let Some((mut r, _)) = in_cavity() else { return };
     let mut view = sharp();
     let before = picture(&mut r, &view); // which sets the exposure
     view.adaptation = 0.0;
     // 8e-3 ml is a ball of 2.5 mm, 8 mm before the lens: its radius is 11.9 of the 60 pixels of 45°, whose middle is drawn at 1.27 of its size.
-    Bubbles::new(77).show(r.stage(), &[[0.0, 0.0, 0.023, 8e-3]]).unwrap();
+    Bubbles::new(77).show(r.stage(), &[[0.0, 1.24e-3, 0.023, 8e-3]]).unwrap();
     let with = picture(&mut r, &view);
     let radius = |[x, y]: [u32; 2]| (x as f32 + 0.5 - 0.5 * WIDTH as f32).hypot(y as f32 + 0.5 - 0.5 * HEIGHT as f32);
     let ring: Vec<[u32; 2]> = middle([14, 14]).filter(|at| (9.0..10.3).contains(&radius(*at))).collect();

@@ -53,13 +53,15 @@ fn answer(world: &World) -> Vec<u8> {
 
 fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<Look>) -> Vec<AppearanceRecord> {
     let one = |object: &ObjectRecord| {
-        let (material, colour, roughness) = match object.kind {
+        let (kind, colour, roughness) = match object.kind {
             kind if kind == ObjectKind::Pathology as u32 || kind == ObjectKind::FreePiece as u32 => (1, [0.76, 0.33, 0.28], 0.25),
             kind if kind == ObjectKind::Tool as u32 => (3, [0.70, 0.71, 0.73], 0.25),
             _ => (0, [0.78, 0.34, 0.285], 0.30),
         };
+        let look = look(object);
+        let material = if kind == 1 && look.is_some_and(|look| look.myoma) { 2 } else { kind };
         let (colour, roughness) =
-            look(object).map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
+            look.map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
         AppearanceRecord { id: object.id, material, colour, roughness, cut_age_ticks: 0, reserved: 0 }
     };
     objects.iter().map(one).collect()
@@ -167,5 +169,25 @@ impl Clerk {
     /// Hands over a world whose topology is to be sent.
     pub fn tell(&self, world: &Arc<World>) {
         self.changes.force_push(Arc::clone(world));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_growth_and_its_pieces_are_a_myoma_where_the_scene_says_so_and_nothing_else_is() {
+        let kinds = [ObjectKind::Organ, ObjectKind::Pathology, ObjectKind::FreePiece, ObjectKind::Tool];
+        let records: Vec<ObjectRecord> =
+            (0..).zip(kinds).map(|(id, kind)| ObjectRecord { id, kind: kind as u32, ..ObjectRecord::default() }).collect();
+        let materials = |myoma: Option<bool>| -> Vec<u32> {
+            let look = myoma.map(|myoma| Look { colour: [0.25, 0.5, 0.75], roughness: 0.5, myoma });
+            appearance(&records, |_| look).iter().map(|record| record.material).collect()
+        };
+        assert_eq!([None, Some(false)].map(materials), [[0, 1, 1, 3], [0, 1, 1, 3]]);
+        assert_eq!(materials(Some(true)), [0, 2, 2, 3]);
+        let seen = appearance(&records, |_| Some(Look { colour: [0.25, 0.5, 0.75], roughness: 0.5, myoma: true }));
+        assert_eq!((seen[1].colour, seen[1].roughness), ([0.25, 0.5, 0.75], 0.5));
     }
 }

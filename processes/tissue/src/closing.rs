@@ -10,6 +10,7 @@ mod slit;
 
 use crate::body::Body;
 use crate::world::World;
+use hyst_messages::PA_PER_MMHG;
 use hyst_scene::{DeformableKind, LoadedScene};
 use hyst_tissue::holding_forces;
 use slit::Slit;
@@ -22,7 +23,7 @@ const CLOSING_S: f32 = 0.5;
 /// Share of it in which the walls stay as they are at first: that the pressure is low for a tenth of a second, as when the pump starts, moves nothing (assumed).
 const LAG_SHARE: f32 = 0.2;
 /// Pascal in a millimetre of mercury.
-const MMHG_PA: f32 = 133.322;
+const MMHG_PA: f32 = PA_PER_MMHG as f32;
 
 /// How the cavity of a scene closes.
 pub struct Closing {

@@ -199,7 +199,8 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
 pub(crate) fn html(page: &mut String, judge: &Judge) {
     let _ = writeln!(
         page,
-        "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n<div class=\"wide\"><table>\n\
+        "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n\
+         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Goals\"><table>\n\
          <tr><th>goal</th><th class=\"text\">what came of it</th></tr>",
         escape(&judge.brief.name),
         escape(&judge.task()),

@@ -2,9 +2,9 @@
 
 use crate::conduct::Peak;
 
-/// From here on the tool counts as touching, N: as much as a fault may add to the force's step (design.md), which nobody feels.
+/// From here on the tool counts as touching, N: as much as a fault may add to the force's step, which nobody feels.
 pub const TOUCH_N: f64 = 0.05;
-/// The force that is to be kept below, N: half of what the station's device makes (3.3 N, the Touch of domain.md); perforation takes 20 N and
+/// The force that is to be kept below, N: half of what the station's device makes (3.3 N, as the Touch); perforation takes 20 N and
 /// more (Goldstuck 2014), which no such device can show.
 pub const LIMIT_N: f64 = 1.65;
 /// Width of a bin of the distribution, N, and how many there are: to 20 N, six times what the device makes; the last takes what is above.

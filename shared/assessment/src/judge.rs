@@ -4,7 +4,8 @@
 //! Who is told to stop is asked for nothing else any more: a `stop` that was called for takes the place of the goals that are still open, whatever comes of
 //! it, because a procedure is broken off there. So a session ends with its goals where all are reached that were called for, and there are some (`asked`).
 //!
-//! Its time counts from when the hand first moves (`begin`); what was reached, and what fell, before that has been all the same.
+//! Its time counts from when the hand first moves (`begin`); what was reached, and what fell, before that has been all the same. The pressure of goals and
+//! warnings is an average, as a pump shows and gives alarm by it: the roller's beat in the cavity is neither the trainee's doing nor his to mend.
 //!
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
 //! nothing; a status holds for a second, then nothing is known of what it said.
@@ -27,6 +28,11 @@ use serde::{Deserialize, Serialize};
 const HOLD_TICKS: u64 = 1_000;
 /// A warning stands until its cause is gone for so long, ticks: one that flickers is one.
 const CALM_TICKS: u64 = 1_000;
+/// Over so long the pressure is averaged, ticks: as long as the pump averages the one that it regulates.
+const AVERAGE_TICKS: f64 = 1_000.0;
+/// A warning of the pressure stands until that is so far on the right side of its limit again, Pa (3 mmHg): farther than the roller's beat in it goes from its
+/// lowest to its highest (twice 1.3 mmHg), however slowly the pump turns, so that a pressure that stays at its limit is warned of once.
+const CLEAR_PA: f64 = 400.0;
 /// Most warnings that are told one by one.
 const MOST_TOLD: usize = 200;
 /// Most goals, and most warnings, of a case that can be judged: a case file has fewer.
@@ -70,6 +76,7 @@ pub struct WarningState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Cavity {
     tick: u64,
+    /// The average.
     pressure_pa: Option<f64>,
     deficit_ml: Option<f64>,
     bled_ml: Option<f64>,
@@ -155,7 +162,7 @@ impl Judge {
         let bled_ml = finite(status.bled_ml);
         self.cavity = Some(Cavity {
             tick: status.state_tick,
-            pressure_pa: finite(f64::from(status.pressure_pa)),
+            pressure_pa: finite(f64::from(status.pressure_pa)).map(|pa| self.averaged_pa(status.state_tick, pa)),
             deficit_ml: finite(status.deficit_ml),
             bled_ml,
             alarms: status.alarms,
@@ -163,6 +170,18 @@ impl Judge {
         if let Some(bled_ml) = bled_ml {
             self.bled.take(status.state_tick, bled_ml);
         }
+    }
+
+    /// The average after a status of this tick, with this pressure in it; after a time of which nothing is known it begins anew.
+    fn averaged_pa(&self, tick: u64, pressure_pa: f64) -> f64 {
+        let Some((was_pa, at)) = self.cavity.and_then(|cavity| Some((cavity.pressure_pa?, cavity.tick))) else {
+            return pressure_pa;
+        };
+        let passed = tick.saturating_sub(at);
+        if passed > HOLD_TICKS {
+            return pressure_pa;
+        }
+        was_pa + (pressure_pa - was_pa) * passed as f64 / (passed as f64 + AVERAGE_TICKS)
     }
 
     /// Takes a status of the tissue.
@@ -183,7 +202,7 @@ impl Judge {
         self.last_tick = record.tick;
         self.begin.take(record);
         for index in 0..self.brief.warnings.len().min(self.warnings.len()) {
-            let is_cause = self.holds(&self.brief.warnings[index].is, record);
+            let is_cause = self.holds(&self.brief.warnings[index].is, self.warnings[index].stands, record);
             self.warn(index, is_cause, record.tick);
         }
         let is_to_stop = self.is_to_stop();
@@ -204,11 +223,13 @@ impl Judge {
         self.cavity.filter(|cavity| tick.saturating_sub(cavity.tick) <= HOLD_TICKS).unwrap_or_default()
     }
 
-    fn holds(&self, cause: &Cause, record: &AppliedRecord) -> bool {
+    /// Whether a cause is there; of one that is warned of already, whether it is there still.
+    fn holds(&self, cause: &Cause, is_warned_of: bool, record: &AppliedRecord) -> bool {
         let (known, controls) = (self.known(record.tick), &record.sample.controls);
+        let clear_pa = if is_warned_of { CLEAR_PA } else { 0.0 };
         match *cause {
-            Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa),
-            Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa),
+            Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa - clear_pa),
+            Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa + clear_pa),
             Cause::DeficitAbove(limit_ml) => known.deficit_ml.is_some_and(|ml| ml > limit_ml),
             Cause::BledAbove(limit_ml) => known.bled_ml.is_some_and(|ml| ml > limit_ml),
             Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
@@ -278,7 +299,7 @@ impl Judge {
                 goal.places >= landmarks.len()
             }
             Aim::Stop { after, ticks } => {
-                if self.holds(after, record) {
+                if self.holds(after, false, record) {
                     goal.since_tick.get_or_insert(tick);
                 }
                 let controls = &record.sample.controls;

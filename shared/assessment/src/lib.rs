@@ -51,7 +51,7 @@ pub use in_view::InView;
 pub use json::json;
 pub use judge::{GoalState, Judge, WarningState};
 pub use markup::{escape, plain};
-pub use medium::{HIGH_PA, LOW_PA, Medium, PA_PER_MMHG, PARTED_PA};
+pub use medium::{HIGH_PA, LOW_PA, Medium, PARTED_PA};
 pub use metric::{Definition, Group, Metric, Scale, Scores, scores};
 pub use motion::Motion;
 pub use page::html;

@@ -4,12 +4,10 @@
 use crate::bleeding::Bleeding;
 use crate::clarity::Clarity;
 use crate::conduct::Peak;
-use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
+use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PA_PER_MMHG, PUMP_ALARMS, PUMP_NOTICES};
 use hyst_scene::Alarm;
 use std::collections::VecDeque;
 
-/// Pascal per millimetre of mercury.
-pub const PA_PER_MMHG: f64 = 133.322;
 /// Lower end of the working range, Pa: 35 mmHg, where the usual pressure begins (35 to 70 mmHg, WOM's manual).
 pub const LOW_PA: f64 = 35.0 * PA_PER_MMHG;
 /// Upper end of the working range, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).

@@ -123,7 +123,10 @@ fn metrics(page: &mut String, sessions: &Sessions) {
         page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
         page.push_str("</p>\n");
     }
-    page.push_str("<div class=\"wide\"><table>\n<tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>");
+    page.push_str(
+        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Values and scores\"><table>\n\
+         <tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>",
+    );
     for index in 0..sessions.earlier.len() {
         let _ = write!(page, "<th>{0}</th><th>score {0}</th>", letter(index));
     }
@@ -198,7 +201,8 @@ fn processes(page: &mut String, column: &Column) {
     }
     page.push_str(
         "<h2>Processes</h2>\n<p class=\"note\">The rate and the loop's median are means over the session; the 99th percentiles are those of the worst second.</p>\n\
-         <div class=\"wide\"><table>\n<tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
+         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Processes\"><table>\n\
+         <tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
          <th>wake-up p99 \u{b5}s</th><th>loop p50 \u{b5}s</th><th>loop p99 \u{b5}s</th></tr>\n",
     );
     for (name, process) in processes.all() {
@@ -224,7 +228,8 @@ fn events(page: &mut String, column: &Column) {
         return;
     }
     page.push_str(
-        "<h2>Faults and takeovers</h2>\n<div class=\"wide\"><table>\n<tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
+        "<h2>Faults and takeovers</h2>\n<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Faults and takeovers\"><table>\n\
+         <tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
          <th class=\"text\">what</th><th class=\"text\">process</th><th class=\"text\">in words</th></tr>\n",
     );
     for event in &conduct.events {

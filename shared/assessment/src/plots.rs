@@ -7,8 +7,8 @@ use crate::columns::{Column, seconds, word};
 use crate::curves::{Curves, Series};
 use crate::force::LIMIT_N;
 use crate::markup::{escape, plain};
-use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG};
-use hyst_messages::PUMP_ALARMS;
+use crate::medium::{HIGH_PA, LOW_PA};
+use hyst_messages::{PA_PER_MMHG, PUMP_ALARMS};
 use hyst_recording::SAID;
 use std::fmt::Write;
 

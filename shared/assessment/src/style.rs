@@ -15,7 +15,7 @@ p.note{color:var(--soft);max-width:78ch;margin:.3rem 0 .8rem}dl{display:grid;gri
 dd{margin:0;overflow-wrap:anywhere;font-variant-numeric:tabular-nums}.missing{border-left:4px solid var(--warn);background:var(--panel);padding:.6rem 1rem;margin:1rem 0}\
 .missing ul{margin:.3rem 0 0;padding-left:1.2rem}.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:.8rem;margin:1.4rem 0}\
 .tile{background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:.7rem .9rem}.tile b{display:block;font-size:1.7rem;line-height:1.2;font-variant-numeric:tabular-nums}\
-.tile span{color:var(--soft)}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%;font-size:13.5px}\
+.tile span{color:var(--soft)}.wide{overflow-x:auto}:focus-visible{outline:3px solid var(--insertion);outline-offset:2px}table{border-collapse:collapse;width:100%;font-size:13.5px}\
 th{text-align:right;color:var(--soft);font-weight:600;border-bottom:2px solid var(--line);padding:.3rem .5rem;vertical-align:bottom}\
 td{text-align:right;border-bottom:1px solid var(--line);padding:.28rem .5rem;font-variant-numeric:tabular-nums;white-space:nowrap}\
 th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-space:normal}tr.group td{background:var(--panel);font-weight:600}\
@@ -33,5 +33,5 @@ svg text{font:11.5px system-ui,sans-serif;fill:var(--soft)}svg text.title{fill:v
 .pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:1rem}figure{margin:0;break-inside:avoid}\
 figure img{width:100%;height:auto;display:block;border-radius:8px;background:#000}figcaption{color:var(--soft);font-size:13.5px;margin-top:.3rem}\
 figcaption b{color:var(--ink);font-variant-numeric:tabular-nums}\
-.sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(340px,1fr));gap:1rem}.key span{margin-right:1.2rem;white-space:nowrap}\
+.sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(340px,100%),1fr));gap:1rem}.key span{margin-right:1.2rem;white-space:nowrap}\
 .key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;margin-right:.35em;vertical-align:-.05em}";

@@ -3,8 +3,9 @@
 use crate::clarity::CLEAR_SHARE;
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
-use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
+use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PARTED_PA};
 use crate::metric::{Definition, Group, scale, share, shown};
+use hyst_messages::PA_PER_MMHG;
 
 const ASSUMED: &str = "assumed";
 const HEAD_HELD: &str = "assumed; nothing where the scope is not turned, or the head is kept level for it";

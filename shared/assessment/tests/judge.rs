@@ -24,18 +24,19 @@ fn wait(judge: &mut Judge, ticks: std::ops::Range<u64>) {
 
 #[test]
 fn a_pressure_is_held_without_a_break_and_of_old_statuses_nothing_is_known() {
-    let mut judge = judge(json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 500 } }]), json!({}), json!([]));
-    for (tick, mmhg) in [(100, 60.0), (400, 90.0), (500, 60.0)] {
-        judge.fluid(&fluid(tick, mmhg, 0.0));
-        wait(&mut judge, tick..tick + 100);
+    let held_for = |ticks: u64| json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": ticks } }]);
+    let mut judged = judge(held_for(1_200), json!({}), json!([]));
+    for tick in (100..4_000).step_by(50) {
+        let mmhg = if (400..1_400).contains(&tick) { 90.0 } else { 60.0 };
+        judged.fluid(&fluid(tick, mmhg, 0.0));
+        wait(&mut judged, tick..tick + 50);
     }
-    assert_eq!(judge.goals[0].reached_tick, None, "there was a break at 400");
-    wait(&mut judge, 600..2_000);
-    assert_eq!(judge.goals[0].reached_tick, Some(1_000), "in the band since 500");
-    assert_eq!(judge.ended, Some((EndedBy::Goals, 1_000)));
+    // The band ends at 75 mmHg. The average is 90 − 30/1.05ⁿ after n statuses of 90, 75.6 with the 15th at 1100 and 78.7 with the last; then
+    // 60 + 18.7/1.05ⁿ, 74.6 with the fifth at 1600.
+    assert_eq!(judged.goals[0].reached_tick, Some(2_800), "there was a break from 1100 to 1600");
+    assert_eq!(judged.ended, Some((EndedBy::Goals, 2_800)));
 
-    let mut old = judge.clone();
-    old = Judge::new(old.brief);
+    let mut old = judge(held_for(500), json!({}), json!([]));
     old.fluid(&fluid(100, 60.0, 0.0));
     wait(&mut old, 1_000..3_000);
     assert_eq!(old.goals[0].reached_tick, None, "a status of 100 says nothing from 1101 on");

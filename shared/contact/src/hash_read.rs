@@ -86,11 +86,6 @@ impl<'a> HashRef<'a> {
         points_m.len() == self.points() && (0..self.kept()).all(is_there)
     }
 
-    /// Whether slots come from the hash function.
-    pub fn is_hashed(&self) -> bool {
-        self.header.hashed != 0
-    }
-
     /// Lowest and highest corner of the box around the points in the table; the lowest is above the highest where there are none.
     #[inline(always)]
     pub(crate) fn around(&self) -> ([f32; 3], [f32; 3]) {

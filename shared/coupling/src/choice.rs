@@ -16,21 +16,13 @@ pub struct Choice {
     pub force_n: Option<[f32; 3]>,
     /// The replica to restart, because both were valid and differed.
     pub disagreement: Option<usize>,
-    /// True if the chosen force is farther than the slew limit from the last applied one: the last hop will shorten the step.
-    pub beyond_slew: bool,
 }
 
 /// Chooses between the valid forces `a` (replica 0) and `b` (replica 1) of one tick, N on the hand.
 ///
 /// A force that is not finite counts as absent; all other checks are `valid_force`'s. `selected` is the replica followed so
 /// far (anything but 0 counts as 1). Equal bits keep the selection; at equal distance from `last_applied_n` too.
-pub fn choose(
-    last_applied_n: [f32; 3],
-    a: Option<[f32; 3]>,
-    b: Option<[f32; 3]>,
-    selected: usize,
-    max_slew_n_per_tick: f32,
-) -> Choice {
+pub fn choose(last_applied_n: [f32; 3], a: Option<[f32; 3]>, b: Option<[f32; 3]>, selected: usize) -> Choice {
     let forces = [a.filter(|f| is_finite(*f)), b.filter(|f| is_finite(*f))];
     let selected = selected.min(1);
     let other = 1 - selected;
@@ -43,8 +35,7 @@ pub fn choose(
             (None, Some(_)) => (other, None),
             _ => (selected, None),
         };
-    let beyond_slew = forces[index].is_some_and(|f| distance(f) > f64::from(max_slew_n_per_tick));
-    Choice { index, force_n: forces[index], disagreement, beyond_slew }
+    Choice { index, force_n: forces[index], disagreement }
 }
 
 /// Doubles, so that no finite force overflows when squared.
@@ -61,36 +52,36 @@ mod tests {
     const FAR: [f32; 3] = [0.0, 0.0, 2.0];
     const NAN: [f32; 3] = [f32::NAN, 0.0, 0.0];
 
-    /// The whole table: (a, b, selected) → (index, force, restart, beyond the slew of 0.5 N).
-    type Row = (Option<[f32; 3]>, Option<[f32; 3]>, usize, usize, Option<[f32; 3]>, Option<usize>, bool);
+    /// The whole table: (a, b, selected) → (index, force, restart).
+    type Row = (Option<[f32; 3]>, Option<[f32; 3]>, usize, usize, Option<[f32; 3]>, Option<usize>);
 
     #[test]
     fn truth_table() {
         let rows: [Row; 14] = [
-            (Some(NEAR), Some(NEAR), 0, 0, Some(NEAR), None, false),
-            (Some(NEAR), Some(NEAR), 1, 1, Some(NEAR), None, false),
-            (Some(NEAR), None, 0, 0, Some(NEAR), None, false),
-            (Some(NEAR), None, 1, 0, Some(NEAR), None, false),
-            (None, Some(NEAR), 0, 1, Some(NEAR), None, false),
-            (None, Some(NEAR), 1, 1, Some(NEAR), None, false),
-            (None, None, 0, 0, None, None, false),
-            (None, None, 1, 1, None, None, false),
-            (Some(NEAR), Some(FAR), 0, 0, Some(NEAR), Some(1), false),
-            (Some(FAR), Some(NEAR), 0, 1, Some(NEAR), Some(0), false),
-            (Some(NEAR), Some(FAR), 1, 0, Some(NEAR), Some(1), false),
-            (Some(NAN), Some(FAR), 0, 1, Some(FAR), None, true),
-            (Some(NAN), Some(NAN), 0, 0, None, None, false),
-            (Some([0.1, 0.0, 1.0]), Some([-0.1, 0.0, 1.0]), 1, 1, Some([-0.1, 0.0, 1.0]), Some(0), false),
+            (Some(NEAR), Some(NEAR), 0, 0, Some(NEAR), None),
+            (Some(NEAR), Some(NEAR), 1, 1, Some(NEAR), None),
+            (Some(NEAR), None, 0, 0, Some(NEAR), None),
+            (Some(NEAR), None, 1, 0, Some(NEAR), None),
+            (None, Some(NEAR), 0, 1, Some(NEAR), None),
+            (None, Some(NEAR), 1, 1, Some(NEAR), None),
+            (None, None, 0, 0, None, None),
+            (None, None, 1, 1, None, None),
+            (Some(NEAR), Some(FAR), 0, 0, Some(NEAR), Some(1)),
+            (Some(FAR), Some(NEAR), 0, 1, Some(NEAR), Some(0)),
+            (Some(NEAR), Some(FAR), 1, 0, Some(NEAR), Some(1)),
+            (Some(NAN), Some(FAR), 0, 1, Some(FAR), None),
+            (Some(NAN), Some(NAN), 0, 0, None, None),
+            (Some([0.1, 0.0, 1.0]), Some([-0.1, 0.0, 1.0]), 1, 1, Some([-0.1, 0.0, 1.0]), Some(0)),
         ];
-        for (a, b, selected, index, force_n, disagreement, beyond_slew) in rows {
-            let expected = Choice { index, force_n, disagreement, beyond_slew };
-            assert_eq!(choose(LAST, a, b, selected, 0.5), expected, "a {a:?} b {b:?} selected {selected}");
+        for (a, b, selected, index, force_n, disagreement) in rows {
+            let expected = Choice { index, force_n, disagreement };
+            assert_eq!(choose(LAST, a, b, selected), expected, "a {a:?} b {b:?} selected {selected}");
         }
     }
 
     #[test]
     fn the_selection_stays_with_the_replica_that_took_over() {
-        let taken = choose(LAST, None, Some(NEAR), 0, 0.5);
-        assert_eq!(choose(LAST, Some(NEAR), Some(NEAR), taken.index, 0.5).index, 1);
+        let taken = choose(LAST, None, Some(NEAR), 0);
+        assert_eq!(choose(LAST, Some(NEAR), Some(NEAR), taken.index).index, 1);
     }
 }

@@ -142,7 +142,7 @@ proptest! {
             record_tick: ticks[0], force_n: forces[0], position_m: forces[1], digest: 1, expected_digest: 1,
         };
         watch_step(&WatchParams::default(), &state, &input);
-        let choice = choose(forces[0], Some(forces[1]), Some(forces[2]), ticks[0] as usize, 0.5);
+        let choice = choose(forces[0], Some(forces[1]), Some(forces[2]), ticks[0] as usize);
         prop_assert!(choice.force_n.is_none_or(|f| f.iter().all(|c| c.is_finite())) && choice.index < 2);
         let valid = valid_force(ticks[0], ticks[1], forces[0], &ForceLimits::default()).is_ok();
         prop_assert!(!valid || (length(forces[0]) <= 3.3 * (1.0 + 1e-5) && ticks[0] - ticks[1] <= 1));

@@ -54,6 +54,8 @@ struct Loop<'a, S: Stateful> {
     held: bool,
     /// The tenure under which it last made a step as the holder.
     stepped_as: Tenure,
+    /// Tick of the newest state that it has made itself, whatever came of it.
+    made_tick: u64,
     founded: bool,
     /// How often the role begins a new epoch because steps come too late.
     strain: strain::Strain,
@@ -93,6 +95,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
         misses: 0,
         held: false,
         stepped_as: Tenure::default(),
+        made_tick: 0,
         founded: false,
         strain: strain::Strain::default(),
         trial,
@@ -316,6 +319,7 @@ impl<S: Stateful> Loop<'_, S> {
         loan.send()?;
         self.life.page.store64(header::VALUE_NS, system::now_ns());
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
+        self.made_tick = next_tick;
         self.receive_states();
         Ok(())
     }

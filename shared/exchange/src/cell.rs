@@ -128,7 +128,7 @@ pub fn read_ring<W: Word>(ring: &[W], entries: usize, key: u64, record: &mut [u6
     let entry_words = 2 + record.len();
     let at = 1 + (key % entries as u64) as usize * entry_words;
     let entry = &ring[at..at + entry_words];
-    let stamp = 2 * (key + 1);
+    let stamp = key.checked_add(1)?.checked_mul(2)?; // whoever names a later key lies, or its page is damaged
     (entry[0].load(Ordering::Acquire) == stamp && read_copy(entry, stamp, record, is_undamaged)).then_some(())
 }
 
@@ -238,6 +238,15 @@ mod tests {
             // Its successor writes the entry again.
             write_ring(&ring, 4, 6, &[6, !6]);
             assert_eq!(read_ring(&ring, 4, 6, &mut record), Some(()));
+        }
+    }
+
+    #[test]
+    fn a_key_that_no_writer_can_come_to_names_no_entry() {
+        let ring = words(1 + 4 * (2 + 2));
+        write_ring(&ring, 4, 3, &[3, !3]);
+        for key in [u64::MAX, u64::MAX - 1, u64::MAX / 2] {
+            assert_eq!(read_ring(&ring, 4, key, &mut [0; 2]), None, "{key}");
         }
     }
 

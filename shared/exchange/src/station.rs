@@ -141,6 +141,10 @@ impl Station {
     pub fn judged(&self) -> PathBuf {
         self.root.join("judged.json")
     }
+    /// The supervisor's report so far, as JSON, once a second.
+    pub fn report(&self) -> PathBuf {
+        self.root.join("report.json")
+    }
 
     /// Makes root, pages and link configuration. The root must not exist.
     pub fn found(&self) -> Result<(), StationError> {
@@ -237,9 +241,9 @@ impl StationPage {
     pub fn tick_at(&self, time_ns: u64) -> u64 {
         time_ns.saturating_sub(self.t0_ns()) / TICK_NS
     }
-    /// Start of a tick, ns.
+    /// Start of a tick, ns; of one that no clock comes to, the end of all time.
     pub fn start_of(&self, tick: u64) -> u64 {
-        self.t0_ns() + tick * TICK_NS
+        self.t0_ns().saturating_add(tick.saturating_mul(TICK_NS))
     }
     /// Whether the station runs on a virtual clock.
     pub fn is_lockstep(&self) -> bool {

@@ -227,10 +227,6 @@ impl Publisher {
     pub fn lose(&self, bytes: usize) -> bool {
         self.loan(bytes).map(std::mem::forget).is_ok()
     }
-    /// Longest message.
-    pub fn max_bytes(&self) -> usize {
-        self.bytes
-    }
     /// Connects readers that came since; gives them the newest message. Not on a real-time thread.
     pub fn announce(&self) -> Result<(), LinkError> {
         self.inner.update_connections().map_err(|e| LinkError::Use {

@@ -28,6 +28,13 @@ pub fn write_for_own_user(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     replace(path, bytes, OWN_USER)
 }
 
+/// Where a file is written before it is whole; the whole name is kept, so that `a.json` and `a.toml` do not meet there.
+pub fn beside(path: &Path) -> PathBuf {
+    let mut next = path.as_os_str().to_os_string();
+    next.push(".next");
+    PathBuf::from(next)
+}
+
 fn replace(path: &Path, bytes: &[u8], mode: u32) -> std::io::Result<()> {
     let next = beside(path);
     let put = || {
@@ -38,13 +45,6 @@ fn replace(path: &Path, bytes: &[u8], mode: u32) -> std::io::Result<()> {
     put().inspect_err(|_| {
         let _ = std::fs::remove_file(&next); // not made is as good
     })
-}
-
-/// Where a file is written before it is whole; the whole name is kept, so that `a.json` and `a.toml` do not meet there.
-fn beside(path: &Path) -> PathBuf {
-    let mut next = path.as_os_str().to_os_string();
-    next.push(".next");
-    PathBuf::from(next)
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
 //! Blood as massless particles in a ring of fixed capacity (against numerical dissipation, as in Zátonyi et al. 2005).
 //!
 //! Promise: emitted = in particles + dissolved + washed out + lost + buried, in ml; the scatter is a function of the seed and of the
-//! number of particles emitted so far, so that a spare emits the same ones.
+//! number of particles emitted so far, so that a spare emits the same ones. In the cells of an outflow a particle leaves as fast as the medium there, as dye
+//! does: when, is drawn from the seed by its place in the ring and the number of the step.
 
 use crate::coordinator::MAX_SWEEPS;
 use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::{Grid, Layout};
-use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
+use crate::inputs::{FlowInputs, MAX_SOURCES, tame, tame_place};
 use crate::kernels::wide;
 use crate::model::BloodModel;
 use crate::plan::{Exit, Plan};
@@ -21,6 +22,9 @@ const EMITTED_PER_STEP: usize = 16;
 const STRIDE_CELLS: f32 = 0.5;
 /// Strides in one step at most: twice the cells that the sweeps of a step can carry the medium. What is faster stays behind.
 const MOST_STRIDES: usize = 4 * MAX_SWEEPS as usize;
+
+/// Places of both rings, the blood's and then the gas's, at most.
+const MOST_PLACES: u64 = 1 << 20;
 
 /// So many fully open vessels one source stands for at most: with sixteen of them a wound of some 160 cm².
 pub const MOST_OPENING: f32 = 64.0;
@@ -37,9 +41,7 @@ pub struct BloodSource {
 impl BloodSource {
     pub(crate) fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.position_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.position_m, &mut count);
         tame(&mut self.opening, 0.0, MOST_OPENING, 0.0, &mut count);
         if count > 0 {
             self.opening = 0.0;
@@ -112,6 +114,11 @@ fn scatter(seed: u64, counter: u64, axis: u64) -> f32 {
     (x >> 40) as f32 / (1u64 << 24) as f32 - 0.5
 }
 
+/// A number in 0..1 for a place of a ring in a step.
+pub(crate) fn drawn(seed: u64, step: u64, place: usize) -> f32 {
+    scatter(!seed, step.wrapping_mul(MOST_PLACES).wrapping_add(place as u64), 0) + 0.5
+}
+
 /// Whether a solid cell of a plane holds dye; without a branch, for there is none in most steps.
 #[inline(always)]
 fn holds_in_solid(dye: &[f32], fluid: &[f32]) -> bool {
@@ -156,7 +163,7 @@ pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]
 }
 
 impl Solver {
-    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in a cell with an exit is marked (volume < 0).
+    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one that leaves by an exit is marked (volume < 0).
     pub(crate) fn particles_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
@@ -170,21 +177,22 @@ impl Solver {
             let v = velocity_at(&velocity, layout, inside(p));
             std::array::from_fn(|a| v[a] / h[a])
         };
-        for particle in share.iter_mut().filter(|p| p.volume_ml > 0.0) {
+        for (place, particle) in (self.share_start(band)..).zip(share.iter_mut()).filter(|(_, p)| p.volume_ml > 0.0) {
             let mut p = room.freed(inside(grid.to_cells(particle.position_m)));
-            let mut left_s = plan.inputs.dt_s;
+            let (mut left_s, mut drained) = (plan.inputs.dt_s, 0.0f32);
             for _ in 0..MOST_STRIDES {
-                let Some(cell) = room.open(p) else { break };
-                if plan.exits[room.index(cell)] != Exit::Shut {
-                    particle.volume_ml = -particle.volume_ml;
-                    break;
-                }
-                if left_s <= 0.0 {
-                    break;
-                }
+                let Some(cell) = room.open(p).filter(|_| left_s > 0.0) else { break };
                 let v = flow(p);
                 let fastest = v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
                 let dt_s = if fastest * left_s > STRIDE_CELLS { STRIDE_CELLS / fastest } else { left_s };
+                let leaving_per_s = plan.leaving_per_s(room.index(cell));
+                if leaving_per_s > 0.0 {
+                    drained += leaving_per_s * dt_s;
+                    if drained > drawn(self.model.blood.seed, plan.step, place) {
+                        particle.volume_ml = -particle.volume_ml;
+                        break;
+                    }
+                }
                 let v = flow(std::array::from_fn(|a| p[a] + 0.5 * dt_s * v[a]));
                 p = room.moved(p, v.map(|v| dt_s * v));
                 left_s -= dt_s;
@@ -203,7 +211,8 @@ impl Solver {
             for particle in share.iter_mut().filter(|p| p.volume_ml != 0.0) {
                 let (at, kk, cell) = cell_of(&self.model.grid, &self.layout, particle.position_m);
                 if particle.volume_ml < 0.0 {
-                    let gone_ml = if plan.exits[cell] == Exit::Lost { &mut state.lost_ml } else { &mut state.washed_ml };
+                    let is_lost = matches!(plan.exits[cell], Exit::Lost(_));
+                    let gone_ml = if is_lost { &mut state.lost_ml } else { &mut state.washed_ml };
                     *gone_ml -= f64::from(particle.volume_ml);
                 } else if fluid.layer(kk)[at] == 0.0 {
                     state.buried_ml += f64::from(particle.volume_ml);

@@ -4,12 +4,12 @@
 //! A parcel in a ring of fixed size stands for equal bubbles; it takes no room and drives no flow. Promise: made = in the ring + vented + dissolved,
 //! in ml; no parcel enters a solid cell; the scatter is a function of the seed and of the parcels made so far, so that a spare makes the same ones.
 
-use crate::blood::{Particle, velocity_at};
+use crate::blood::{Particle, drawn, velocity_at};
 use crate::coordinator::{Coordinator, MAX_SWEEPS};
 use crate::error::FlowError;
-use crate::inputs::{FlowInputs, tame};
+use crate::inputs::{FlowInputs, tame, tame_place};
 use crate::model::range;
-use crate::plan::{Exit, Plan};
+use crate::plan::Plan;
 use crate::room::{LEAP_CELLS, Room};
 use crate::solver::Solver;
 
@@ -25,6 +25,8 @@ const STEP_CELLS: usize = 4;
 const FAXEN: f32 = 9.0 / 16.0;
 /// Apart from the numbers of the blood's particles, so that gas and blood are not scattered alike.
 const OWN_NUMBERS: u64 = 1 << 40;
+/// The first place of this ring, after those of the blood's, which are no more.
+const OWN_PLACES: usize = 1 << 16;
 
 /// The gas in the cavity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,9 +77,7 @@ pub struct GasSource {
 impl GasSource {
     pub(crate) fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.position_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.position_m, &mut count);
         tame(&mut self.flow_ml_s, 0.0, 10.0, 0.0, &mut count);
         if count > 0 {
             self.flow_ml_s = 0.0;
@@ -166,11 +166,14 @@ impl Solver {
         let risen_cells = rise_m_s * plan.inputs.dt_s / (LEAP_CELLS * least_m);
         let sweeps = (risen_cells.ceil() as usize).max(plan.particle_sweeps).min(MAX_SWEEPS as usize);
         let dt_s = plan.inputs.dt_s / sweeps as f32;
-        for bubble in c.bubbles.iter_mut().filter(|bubble| bubble.volume_ml > 0.0) {
+        for (number, bubble) in c.bubbles.iter_mut().enumerate().filter(|(_, bubble)| bubble.volume_ml > 0.0) {
             let mut place = room.freed(grid.to_cells(bubble.position_m));
+            let mut drained = 0.0f32;
             for _ in 0..sweeps {
                 let Some(cell) = room.open(place) else { break };
-                if plan.exits[room.index(cell)] != Exit::Shut {
+                // As blood does, with the medium there.
+                drained += plan.leaving_per_s(room.index(cell)) * dt_s;
+                if drained > 0.0 && drained > drawn(self.model.blood.seed, plan.step, OWN_PLACES + number) {
                     c.gas.vented_ml += f64::from(bubble.volume_ml);
                     *bubble = Particle::default();
                     break;

@@ -122,12 +122,12 @@ impl Solver {
         let (inputs, neutralised) = inputs.neutralised();
         let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
         let dt_s = f64::from(inputs.dt_s);
-        plan.inputs = inputs;
+        (plan.inputs, plan.step) = (inputs, c.report.step);
         let bled_ml = bleed(&self.model.blood, &self.model.pump, &inputs, c.pump.cavity_ml, dt_s, &mut c.blood);
         plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
-        let from_in_ml = c.pump.in_ml;
+        let from = c.pump;
         let mean = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
-        let beat = self.model.pump.beat(&mut c.beat_ml, &inputs.pump, from_in_ml, &c.pump, dt_s);
+        let beat = self.model.pump.beat(&mut c.beat_ml, &inputs.pump, &from, &c.pump, dt_s);
         plan.pump = PumpReport { pressure_pa: (mean.pressure_pa + beat.pressure_pa).clamp(0.0, MOST_PA), beat, ..mean };
         let report = &c.report;
         c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };

@@ -96,6 +96,13 @@ pub(crate) fn tame(value: &mut f32, low: f32, high: f32, otherwise: f32, count: 
     }
 }
 
+/// The same of a place, m: nothing of a station is a kilometre away.
+pub(crate) fn tame_place(place_m: &mut [f32; 3], count: &mut u32) {
+    for coordinate_m in place_m {
+        tame(coordinate_m, -1e3, 1e3, 0.0, count);
+    }
+}
+
 impl FlowInputs {
     /// The same inputs with every number finite and in range, and how many were replaced.
     pub fn neutralised(&self) -> (Self, u32) {
@@ -107,9 +114,8 @@ impl FlowInputs {
         }
         for tool in inputs.tools.iter_mut().chain(&mut inputs.wires) {
             let before = count;
-            for x in tool.a_m.iter_mut().chain(&mut tool.b_m) {
-                tame(x, -1e3, 1e3, 0.0, &mut count);
-            }
+            tame_place(&mut tool.a_m, &mut count);
+            tame_place(&mut tool.b_m, &mut count);
             tame(&mut tool.radius_m, 0.0, 1.0, 0.0, &mut count);
             if count > before {
                 tool.radius_m = 0.0; // a capsule at a place that nobody named is no obstacle
@@ -133,9 +139,7 @@ impl FlowInputs {
 impl Way {
     fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.centre_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.centre_m, &mut count);
         tame(&mut self.radius_m, 0.0, 1.0, 0.0, &mut count);
         if count > 0 {
             self.radius_m = 0.0;
@@ -147,9 +151,7 @@ impl Way {
 impl Port {
     fn tame(&mut self) -> u32 {
         let mut count = 0;
-        for x in &mut self.centre_m {
-            tame(x, -1e3, 1e3, 0.0, &mut count);
-        }
+        tame_place(&mut self.centre_m, &mut count);
         tame(&mut self.radius_m, 0.0, 1.0, 0.0, &mut count);
         tame(&mut self.share, 0.0, 1e3, 0.0, &mut count);
         if count > 0 {

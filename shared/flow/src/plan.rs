@@ -2,7 +2,7 @@
 
 use crate::blood::Particle;
 use crate::grid::Layout;
-use crate::inputs::FlowInputs;
+use crate::inputs::{FlowInputs, MAX_PORTS};
 use crate::pump::PumpReport;
 use crate::spans::Spans;
 use crate::traction::Pull;
@@ -10,6 +10,9 @@ use crate::wires::Drag;
 
 /// Parts of the fluid that do not touch each other: each has its own pressure level. Smaller parts beyond these become solid.
 pub(crate) const MAX_COMPONENTS: usize = 8;
+
+/// Mouths by which drops and gas can leave: the ports, in their order, a hole, and the leak past the sheath.
+pub(crate) const MAX_EXITS: usize = MAX_PORTS + 2;
 
 /// One cell in which medium enters (rate > 0) or leaves.
 #[derive(Debug, Clone, Copy, Default)]
@@ -37,10 +40,10 @@ pub(crate) enum Exit {
     /// It floats on.
     #[default]
     Shut,
-    /// It leaves through an outflow.
-    Outflow,
+    /// It leaves through an outflow, the mouth of this number.
+    Outflow(u8),
     /// It leaves through a hole or past the sheath.
-    Lost,
+    Lost(u8),
 }
 
 /// Which velocity buffers play which part; a sweep never writes what it reads.
@@ -84,6 +87,10 @@ pub(crate) struct Plan {
     pub drags: Vec<Drag>,
     /// Of each cell.
     pub exits: Vec<Exit>,
+    /// Share of the medium in a cell of each mouth that leaves by it, 1/s.
+    pub exit_rates_per_s: [f32; MAX_EXITS],
+    /// Steps before this one.
+    pub step: u64,
     /// Index of the dye field that is read; the other one is written.
     pub dye: usize,
     /// dt/(dye sweeps), s.
@@ -115,6 +122,13 @@ impl Plan {
         for (kk, from) in self.layers.iter_mut().enumerate() {
             next += self.sources[next..].iter().take_while(|source| source.kk < kk).count();
             *from = next;
+        }
+    }
+    /// Share of the medium in a cell that leaves by an exit there, 1/s.
+    pub fn leaving_per_s(&self, cell: usize) -> f32 {
+        match self.exits[cell] {
+            Exit::Shut => 0.0,
+            Exit::Outflow(mouth) | Exit::Lost(mouth) => self.exit_rates_per_s[usize::from(mouth)],
         }
     }
     /// The sources in padded layer `kk`.

@@ -64,6 +64,8 @@ pub struct PumpModel {
     pub perforation_ml_s_pa: f64,
     /// Alarm: pressure above the set pressure by this, Pa.
     pub pressure_alarm_pa: f64,
+    /// Alarm: so much is missing, ml; `None`: what ACOG Committee Opinion 800 says of the medium, 1 000 ml of hypotonic and 2 500 ml of isotonic.
+    pub deficit_alarm_ml: Option<f64>,
     /// Alarm: loss (not seen at the outflow) faster than this, ml/s (300 ml/min).
     pub loss_alarm_ml_s: f64,
     /// Alarm: loss faster by this than all veins and the sheath's leak together can take at the pressure, ml/s (60 ml/min).
@@ -95,6 +97,7 @@ impl Default for PumpModel {
             intravasation_ml_s_pa: 2e-4,
             perforation_ml_s_pa: 2e-3,
             pressure_alarm_pa: 20.0 * PA_PER_MMHG,
+            deficit_alarm_ml: None,
             loss_alarm_ml_s: 5.0,
             hole_alarm_ml_s: 1.0,
             container_ml: 3_000.0,
@@ -175,7 +178,7 @@ impl PumpState {
 pub struct Alarms {
     /// Pressure above the set pressure by the model's margin.
     pub pressure: bool,
-    /// Deficit at its limit: 1 000 ml for hypotonic, 2 500 ml for isotonic medium.
+    /// Deficit at its limit: the model's, or the medium's.
     pub deficit: bool,
     /// Much medium disappears, wherever to: into vessels, past the sheath, through a hole.
     pub abnormal_loss: bool,
@@ -238,6 +241,7 @@ impl PumpModel {
         range("pump.suction_pa", self.suction_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.venous_pa", self.venous_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.pressure_alarm_pa", self.pressure_alarm_pa, 0.0, 1e5, "0 to 1e5")?;
+        range("pump.deficit_alarm_ml", self.deficit_alarm_ml.unwrap_or(1.0), 1.0, 1e5, "1 to 1e5")?;
         range("pump.loss_alarm_ml_s", self.loss_alarm_ml_s, 0.0, 1e3, "0 to 1000")?;
         range("pump.hole_alarm_ml_s", self.hole_alarm_ml_s, 0.0, 1e3, "0 to 1000")?;
         range("pump.container_ml", self.container_ml, 100.0, 1e5, "100 to 1e5")?;
@@ -317,13 +321,14 @@ impl PumpModel {
         [before_pa, pressure_pa]: [f64; 2],
     ) -> Alarms {
         let set_pa = self.set_pa(input);
+        let deficit_ml = self.deficit_alarm_ml.unwrap_or(if isotonic { 2_500.0 } else { 1_000.0 });
         // At the higher pressure of the two, so that a pressure that falls does not make a hole of what went into veins.
         let highest_pa = before_pa.max(pressure_pa);
         let veins_ml_s = self.intravasation_ml_s_pa * (highest_pa - self.venous_pa).max(0.0);
         let explained_ml_s = veins_ml_s + self.leak_ml_s_pa * highest_pa;
         Alarms {
             pressure: pressure_pa > set_pa + self.pressure_alarm_pa,
-            deficit: state.deficit_ml() >= if isotonic { 2_500.0 } else { 1_000.0 },
+            deficit: state.deficit_ml() >= deficit_ml,
             abnormal_loss: lost_ml_s > self.loss_alarm_ml_s,
             perforation: lost_ml_s > explained_ml_s + self.hole_alarm_ml_s,
             container: self.container_left_ml(state) <= self.container_alarm_ml,

@@ -4,8 +4,9 @@
 //! Where the roller head stands follows from what it has delivered, [`PumpState::in_ml`]: with each stroke a roller passes. [`PumpModel::step`] moves the mean;
 //! the beat is what is beyond it, to first order. Of the dip it is the first harmonic, which the tube's compliance and the resistance of the way in damp as
 //! a low pass (its lag is left out); the cavity takes it with the stiffness of its mean volume. It leaves by the outflow, and the pump, which
-//! regulates by an average of the pressure, takes out what is slower than that. Promise: means are what they are without it; what it brings in and takes
-//! out is in the cavity, to rounding, and what the roller displaces in a step is exact, so that no step is too long for it; a state that
+//! regulates by an average of the pressure, takes out what is slower than that, by delivering less. Promise: means are what they are without it; it turns
+//! no flow, for a roller does not run backwards: what would go out where nothing comes in stays in the cavity; what it brings in and takes
+//! out is there, to rounding, and what the roller displaces in a step is exact, so that no step is too long for it; a state that
 //! knows of no beat goes on with none in the cavity, from where its roller head stands.
 
 use crate::pump::{PumpInput, PumpModel, PumpState};
@@ -33,15 +34,16 @@ impl PumpModel {
         (in_ml / self.stroke_ml).fract()
     }
 
-    /// Moves the beat over a step of `dt_s`, of which [`Self::step`] has made the mean from `from_in_ml` delivered to `state`. `beat_ml` is what the cavity holds
+    /// Moves the beat over a step of `dt_s`, of which [`Self::step`] has made the mean `from` a state to the next. `beat_ml` is what the cavity holds
     /// beyond [`PumpState::cavity_ml`]: all of the beat's state beside the counters.
-    pub fn beat(&self, beat_ml: &mut f32, input: &PumpInput, from_in_ml: f64, state: &PumpState, dt_s: f64) -> Beat {
+    pub fn beat(&self, beat_ml: &mut f32, input: &PumpInput, from: &PumpState, state: &PumpState, dt_s: f64) -> Beat {
         let stiffness_pa_ml = self.stiffness_pa_ml(state.cavity_ml, input.displaced_ml);
         if dt_s <= 0.0 {
             return Beat { pressure_pa: stiffness_pa_ml * f64::from(*beat_ml), ..Beat::default() };
         }
-        let rolled_ml = self.roller_ml(state.in_ml) - self.roller_ml(from_in_ml);
-        let pressed_ml = rolled_ml * self.passes_the_tube(input, (state.in_ml - from_in_ml) / dt_s);
+        let [mean_in_ml, mean_out_ml] = [state.in_ml - from.in_ml, state.out_ml - from.out_ml];
+        let rolled_ml = self.roller_ml(state.in_ml) - self.roller_ml(from.in_ml);
+        let pressed_ml = rolled_ml * self.passes_the_tube(input, mean_in_ml / dt_s);
         let drained_per_s = stiffness_pa_ml * f64::from(input.outflow_valve) * self.outflow_ml_s_pa;
         let is_regulating = input.inflow_valve > 0.0 && input.flow_limit_ml_min > 0.0;
         let rate_per_s = drained_per_s + if is_regulating { 1.0 / AVERAGE_S } else { 0.0 };
@@ -50,12 +52,22 @@ impl PumpModel {
         let decayed = -(-times).exp_m1();
         let share_kept = if times > 0.0 { decayed / times } else { 1.0 };
         let was_ml = f64::from(*beat_ml);
-        let is_ml = ((1.0 - decayed) * was_ml + share_kept * pressed_ml).clamp(-self.lift_ml, self.lift_ml);
-        *beat_ml = if is_ml.abs() < LEAST_ML { 0.0 } else { is_ml as f32 };
+        *beat_ml = self.kept_ml((1.0 - decayed) * was_ml + share_kept * pressed_ml);
+        let left_ml = was_ml + pressed_ml - f64::from(*beat_ml);
+        let mut out_ml = if rate_per_s > 0.0 { left_ml * drained_per_s / rate_per_s } else { 0.0 };
+        let in_ml = f64::from(*beat_ml) - was_ml + out_ml;
+        if in_ml < -mean_in_ml || out_ml < -mean_out_ml {
+            out_ml = out_ml.max(-mean_out_ml);
+            *beat_ml = self.kept_ml(was_ml + in_ml.max(-mean_in_ml) - out_ml);
+        }
         let is_ml = f64::from(*beat_ml);
-        let left_ml = was_ml + pressed_ml - is_ml;
-        let drained_ml = if rate_per_s > 0.0 { left_ml * drained_per_s / rate_per_s } else { 0.0 };
-        Beat { pressure_pa: stiffness_pa_ml * is_ml, in_ml_s: (is_ml - was_ml + drained_ml) / dt_s, out_ml_s: drained_ml / dt_s }
+        Beat { pressure_pa: stiffness_pa_ml * is_ml, in_ml_s: (is_ml - was_ml + out_ml) / dt_s, out_ml_s: out_ml / dt_s }
+    }
+
+    /// What is kept of so much: no more than a roller displaces, and nothing where it is next to nothing.
+    fn kept_ml(&self, beat_ml: f64) -> f32 {
+        let beat_ml = beat_ml.clamp(-self.lift_ml, self.lift_ml);
+        if beat_ml.abs() < LEAST_ML { 0.0 } else { beat_ml as f32 }
     }
 
     /// What the roller head has delivered beyond its mean when that is so much, ml: the integral of the first harmonic of a dip that is much shorter than a pass.

@@ -15,7 +15,7 @@ use crate::inputs::FlowInputs;
 use crate::model::FlowModel;
 use crate::multigrid::Hierarchy;
 use crate::obstacles::Walls;
-use crate::plan::{Exit, LayerSums, Plan, Roles, Share};
+use crate::plan::{Exit, LayerSums, MAX_EXITS, Plan, Roles, Share};
 use crate::sources::most_cells;
 use crate::walls::Mirrors;
 use crate::wires::MAX_DRAGS;
@@ -132,6 +132,8 @@ impl Solver {
             layers: vec![0; n[2] + 3],
             drags: Vec::with_capacity(MAX_DRAGS),
             exits: vec![Exit::Shut; cells],
+            exit_rates_per_s: [0.0; MAX_EXITS],
+            step: 0,
             dye: 0,
             dye_dt_s: 0.0,
             particle_sweeps: 1,

@@ -62,8 +62,8 @@ impl Solver {
         let fastest = self.place_ports(&fluid, c, plan);
         self.place_vessels(&fluid, c, plan);
         let (hole, leak) = (plan.inputs.hole, plan.inputs.leak);
-        self.place_way(hole, plan.pump.perforation_ml_s, &fluid, c, plan);
-        self.place_way(leak, plan.pump.leak_ml_s, &fluid, c, plan);
+        self.place_way(hole, MAX_PORTS, plan.pump.perforation_ml_s, &fluid, c, plan);
+        self.place_way(leak, MAX_PORTS + 1, plan.pump.leak_ml_s, &fluid, c, plan);
         plan.order_sources();
         Ok(fastest)
     }
@@ -72,8 +72,8 @@ impl Solver {
     fn place_ports(&self, fluid: &Read<'_>, c: &mut Coordinator, plan: &mut Plan) -> f32 {
         let mut fastest = 0.0f32;
         let ports = plan.inputs.ports;
-        for port in ports.iter().filter(|port| port.share > 0.0) {
-            let mouth = self.mouth_of(port, plan);
+        for (number, port) in ports.iter().enumerate().filter(|(_, port)| port.share > 0.0) {
+            let mouth = self.mouth_of(port, number, plan);
             let pump = &plan.inputs.pump;
             let valve = if port.inflow { pump.inflow_valve } else { pump.outflow_valve };
             if valve <= 0.0 && mouth.flow_m3_s == 0.0 {
@@ -90,17 +90,17 @@ impl Solver {
         fastest
     }
 
-    /// A port with what the pump moves through it.
-    fn mouth_of(&self, port: &Port, plan: &Plan) -> Mouth {
+    /// A port, the one of this number, with what the pump moves through it.
+    fn mouth_of(&self, port: &Port, number: usize, plan: &Plan) -> Mouth {
         let total: f32 = plan.inputs.ports.iter().filter(|other| other.inflow == port.inflow).map(|other| other.share).sum();
-        // With the roller's beat; a flow that would turn for it stands still, and the walls take what is left of it.
+        // With the roller's beat, which turns no flow but by what was rounded.
         let (pump, beat) = (&plan.pump, &plan.pump.beat);
         let (in_ml_s, out_ml_s) = ((pump.in_ml_s + beat.in_ml_s).max(0.0), (pump.out_ml_s + beat.out_ml_s).max(0.0));
         let flow_ml_s = if port.inflow { in_ml_s } else { -out_ml_s };
         let flow_m3_s = flow_ml_s * 1e-6 * f64::from(port.share / total);
         let jet_m_s = if flow_m3_s > 0.0 { ports::jet_m_s(&self.model.grid, port, flow_m3_s) } else { None };
         let jet_m_s = jet_m_s.map(|jet_m_s| jet_m_s.map(|v| v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S)));
-        let exit = if port.inflow { Exit::Shut } else { Exit::Outflow };
+        let exit = if port.inflow { Exit::Shut } else { Exit::Outflow(number as u8) };
         let (centre_m, radius_m, dye) = (port.centre_m, port.radius_m, port.dye);
         Mouth { centre_m, radius_m, flow_m3_s, dye, jet_m_s, most: MOST_PORT_CELLS, is_lost: false, exit }
     }
@@ -127,8 +127,8 @@ impl Solver {
         }
     }
 
-    /// A hole or the leak, from the fluid that is nearest.
-    fn place_way(&self, way: Way, flow_ml_s: f64, fluid: &Read<'_>, c: &mut Coordinator, plan: &mut Plan) {
+    /// A hole or the leak, the mouth of this number, from the fluid that is nearest.
+    fn place_way(&self, way: Way, number: usize, flow_ml_s: f64, fluid: &Read<'_>, c: &mut Coordinator, plan: &mut Plan) {
         if way.radius_m <= 0.0 || flow_ml_s <= 0.0 {
             return;
         }
@@ -138,7 +138,7 @@ impl Solver {
             flow_m3_s: -flow_ml_s * 1e-6,
             most: MOST_CELLS,
             is_lost: true,
-            exit: Exit::Lost,
+            exit: Exit::Lost(number as u8),
             ..Mouth::default()
         };
         if self.place_mouth(&mouth, fluid, c, plan) {
@@ -176,6 +176,9 @@ impl Solver {
             if mouth.exit != Exit::Shut {
                 plan.exits[index_of(layout, source)] = mouth.exit;
             }
+        }
+        if let Exit::Outflow(number) | Exit::Lost(number) = mouth.exit {
+            plan.exit_rates_per_s[usize::from(number)] = -rate_per_s;
         }
         true
     }

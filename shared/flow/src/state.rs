@@ -227,10 +227,6 @@ impl<'a> StateView<'a> {
     pub fn gas(&self) -> &'a BubbleState {
         &self.header.gas
     }
-    /// Pressure in the cavity, Pa.
-    pub fn cavity_pa(&self) -> f64 {
-        self.header.pressure_pa
-    }
     /// Steps and simulated time, s.
     pub fn time(&self) -> (u64, f64) {
         (self.header.step, self.header.time_s)

@@ -81,6 +81,12 @@ fn alarms_follow_pressure_deficit_by_medium_and_abnormal_loss() {
     assert!(!model.step(&mut state, &PumpInput::default(), true, 0.0, 0.01).alarms.deficit, "1 000 ml, isotonic");
     state.in_ml = 2_500.0;
     assert!(model.step(&mut state, &PumpInput::default(), true, 0.0, 0.01).alarms.deficit, "2 500 ml, isotonic");
+    let sooner = PumpModel { deficit_alarm_ml: Some(750.0), ..model };
+    let alarm = |in_ml: f64, isotonic: bool| {
+        let mut state = PumpState { in_ml, ..Default::default() };
+        sooner.step(&mut state, &PumpInput::default(), isotonic, 0.0, 0.01).alarms.deficit
+    };
+    assert_eq!([alarm(749.9, true), alarm(750.0, true), alarm(750.0, false)], [false, true, true], "as it is set");
     let (mut state, report) = run(&model, &open(15_000.0), 30.0);
     assert!(!report.alarms.pressure && !report.alarms.abnormal_loss);
     let report = model.step(&mut state, &PumpInput { outflow_valve: 0.0, ..open(4_000.0) }, true, 0.0, 0.01);

@@ -29,10 +29,12 @@ pub const WINDOW_HEAD_FREE: u32 = 1 << 10;
 /// No set pressure is higher, Pa: more than any pump can make.
 pub const MOST_SET_PRESSURE_PA: f32 = 100_000.0;
 
+/// Pascal per millimetre of mercury.
+pub const PA_PER_MMHG: f64 = 133.322;
 /// What a press changes the set pressure by: 5 mmHg, Pa.
-const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
+const PRESSURE_STEP_PA: f32 = 5.0 * PA_PER_MMHG as f32;
 /// Within what it does: 15 to 150 mmHg, the range of such pumps, Pa.
-pub const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
+pub const PRESSURE_PA: [f32; 2] = [15.0 * PA_PER_MMHG as f32, 150.0 * PA_PER_MMHG as f32];
 /// Opening of the outflow valve, share.
 pub const OUTFLOW: f32 = 0.3;
 /// A light that is dimmed, share.

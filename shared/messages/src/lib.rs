@@ -24,7 +24,7 @@ pub mod tolerance;
 mod topology;
 
 pub use admission::Admission;
-pub use controls::Switch;
+pub use controls::{PA_PER_MMHG, Switch};
 pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
 pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
@@ -55,10 +55,10 @@ pub fn fnv_words(seed: u64, words: impl IntoIterator<Item = u64>) -> u64 {
 }
 
 const FNV_START: u64 = 0xcbf2_9ce4_8422_2325;
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
 
 fn fnv_next(hash: u64, word: u64) -> u64 {
-    const PRIME: u64 = 0x0000_0100_0000_01b3;
-    (hash ^ word).wrapping_mul(PRIME).rotate_left(23)
+    (hash ^ word).wrapping_mul(FNV_PRIME).rotate_left(23)
 }
 
 /// Which points a collision job is about, as its answers name it: the hash of their coordinates, as bits. Four chains of two coordinates at a time, which do
@@ -101,10 +101,10 @@ pub const fn layout_hash() -> u64 {
         size_of::<StreamHeader>(),
         size_of::<SealRecord>(),
     ];
-    let mut hash = 0xcbf2_9ce4_8422_2325u64 ^ LAYOUT_VERSION as u64;
+    let mut hash = FNV_START ^ LAYOUT_VERSION as u64;
     let mut i = 0;
     while i < sizes.len() {
-        hash = (hash ^ sizes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        hash = (hash ^ sizes[i] as u64).wrapping_mul(FNV_PRIME);
         i += 1;
     }
     hash

@@ -50,6 +50,11 @@ impl Role {
         Role::Guardian,
     ];
 
+    /// Roles with a state that a successor goes on from; the roster says who holds each.
+    pub const STATEFUL: [Role; 2] = [Role::Tissue, Role::Fluid];
+    /// Roles with two processes of which either can do the whole work.
+    pub const REPLICATED: [Role; 3] = [Role::Haptic, Role::Tissue, Role::Fluid];
+
     /// First slot and number of slots of the role; the last slot of a role with a state is its guest's ([`Slot::guest`]).
     pub const fn slots(self) -> (usize, usize) {
         match self {
@@ -89,9 +94,40 @@ impl Role {
         Role::ALL.into_iter().find(|role| role.name() == name)
     }
 
+    /// What names the role in the name of a slot (`haptic:1`) or of whom else (`tissue:active`): all that stands before a colon.
+    pub fn name_in(text: &str) -> &str {
+        text.split(':').next().unwrap_or(text)
+    }
+
     /// Whether the role is written with an index (`haptic:0`) because it may have several processes.
     pub const fn is_indexed(self) -> bool {
-        matches!(self, Role::Haptic | Role::Tissue | Role::Fluid | Role::CollisionWorker)
+        self.is_replicated() || matches!(self, Role::CollisionWorker)
+    }
+
+    /// Whether it is one of [`Role::STATEFUL`].
+    pub const fn is_stateful(self) -> bool {
+        self.is_among(&Role::STATEFUL)
+    }
+
+    /// Whether it is one of [`Role::REPLICATED`].
+    pub const fn is_replicated(self) -> bool {
+        self.is_among(&Role::REPLICATED)
+    }
+
+    /// Whether it is an engine, which may be hurt, swapped and left to whoever comes after it: not the ruler, nor who keeps the station.
+    pub const fn is_engine(self) -> bool {
+        !matches!(self, Role::Hardware | Role::Supervisor | Role::Guardian)
+    }
+
+    const fn is_among(self, roles: &[Role]) -> bool {
+        let mut at = 0;
+        while at < roles.len() {
+            if roles[at] as u8 == self as u8 {
+                return true;
+            }
+            at += 1;
+        }
+        false
     }
 }
 
@@ -113,10 +149,7 @@ impl Slot {
 
     /// The slot in which a role with a state takes a newcomer on trial, beside holder and spare; empty but for a swap.
     pub const fn guest(role: Role) -> Option<Slot> {
-        match role {
-            Role::Tissue | Role::Fluid => Slot::new(role, role.slots().1 - 1),
-            _ => None,
-        }
+        if role.is_stateful() { Slot::new(role, role.slots().1 - 1) } else { None }
     }
 
     /// Whether this is the slot of a newcomer on trial.
@@ -184,12 +217,26 @@ mod tests {
                 assert!(!taken[slot.number()], "{slot} overlaps");
                 taken[slot.number()] = true;
                 assert_eq!(Slot::parse(&slot.to_string()), Some(slot));
+                assert_eq!(Role::name_in(&slot.to_string()), role.name());
                 assert_eq!((slot.role(), slot.index()), (role, index));
                 assert_eq!(Slot::from_number(slot.number()), Some(slot));
             }
             assert_eq!(Slot::new(role, role.slots().1), None);
             assert!(Slot::guest(role).is_none_or(|slot| slot.is_guest() && slot.index() == 2));
             assert!(!Slot::first(role).is_guest());
+        }
+    }
+
+    #[test]
+    fn a_role_has_as_many_slots_as_it_has_replicas_and_guests() {
+        for role in Role::ALL {
+            assert_eq!(
+                (role.is_stateful(), role.is_replicated()),
+                (Role::STATEFUL.contains(&role), Role::REPLICATED.contains(&role))
+            );
+            let (replicas, guests) = (1 + usize::from(role.is_replicated()), usize::from(role.is_stateful()));
+            assert!(role.slots().1 == replicas + guests || role == Role::CollisionWorker, "{role:?}");
+            assert_eq!((role.is_indexed(), Slot::guest(role).is_some()), (role.slots().1 > 1, role.is_stateful()), "{role:?}");
         }
     }
 }

@@ -38,13 +38,14 @@ impl Continuity {
             }
             self.newest = self.newest.max(Some(record.tick));
         }
-        self.unmade += block.events.iter().filter_map(unmade_in).sum::<u64>();
+        // Whatever a damaged file says adds up.
+        self.unmade = block.events.iter().filter_map(unmade_in).fold(self.unmade, u64::saturating_add);
         self.lost.extend(&block.lost);
     }
 
     /// Ticks that the recorder says are lost.
     pub fn lost(&self) -> u64 {
-        self.lost.iter().map(TickRange::count).sum()
+        self.lost.iter().map(TickRange::count).fold(0, u64::saturating_add)
     }
 
     /// Ticks between the first and the last that are not there, beyond those that are named as lost and as many as were never made. Whoever makes a recorder
@@ -95,6 +96,17 @@ mod tests {
         let taken = Taken { unmade: vec![range(12, 12), range(13, 13)], ..Taken::default() };
         gaps.follow(&Block { events: taken.events(15), ..Block::default() });
         assert_eq!((gaps.unmade, gaps.missing()), (2, 1));
+    }
+
+    #[test]
+    fn the_largest_numbers_that_a_damaged_file_can_name_are_added_too() {
+        let most = TickRange { first: 0, last: u64::MAX };
+        let skipped = Taken { unmade: vec![most], ..Taken::default() }.events(15);
+        let mut all = Continuity::of(&block(&[0, u64::MAX]));
+        for _ in 0..2 {
+            all.follow(&Block { lost: vec![most, most], events: skipped.clone(), ..Block::default() });
+        }
+        assert_eq!((all.lost(), all.unmade, all.missing()), (u64::MAX, u64::MAX, 0));
     }
 
     #[test]

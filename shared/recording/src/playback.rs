@@ -90,9 +90,9 @@ impl<R: Read + Seek> Playback<R> {
     /// before the tick, unless they were made from the tick's own input record, as none can be.
     pub fn due(&mut self, tick: u64) -> Vec<StepRecord> {
         let record = self.applied.front().filter(|record| record.tick == tick && record.model_epoch > 0);
-        let reach = record.map_or(tick, |record| record.model_tick.max(tick).min(tick + AHEAD_TICKS));
+        let reach = record.map_or(tick, |record| record.model_tick.max(tick).min(tick.saturating_add(AHEAD_TICKS)));
         let can_be = |step: &StepRecord| step.tick <= tick || step.input_tick < tick;
-        let to_come = self.line.range(self.done_tick + 1..).map(|(_, step)| *step);
+        let to_come = self.line.range(self.done_tick.saturating_add(1)..).map(|(_, step)| *step);
         let due: Vec<_> = to_come.take_while(|step| step.tick <= reach && can_be(step)).collect();
         self.done_tick = due.last().map_or(self.done_tick, |step| step.tick);
         due
@@ -117,7 +117,7 @@ impl<R: Read + Seek> Playback<R> {
     /// Reads until the device's newest tick is far enough after `tick`.
     fn read_ahead(&mut self, tick: u64) -> Result<(), ReadError> {
         let mut has_read = false;
-        while !self.has_ended && self.applied.back().is_none_or(|newest| newest.tick < tick + AHEAD_TICKS) {
+        while !self.has_ended && self.applied.back().is_none_or(|newest| newest.tick < tick.saturating_add(AHEAD_TICKS)) {
             let Some(block) = self.reader.next_block()? else {
                 self.has_ended = true;
                 break;

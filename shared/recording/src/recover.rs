@@ -150,7 +150,7 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
         found.session.get_or_insert(session);
     } else if record.name == LOST || record.name == UNKEPT {
         let named = range(&record.metadata);
-        found.lost += named.map_or(0, |range| range.count());
+        found.lost = found.lost.saturating_add(named.map_or(0, |range| range.count())); // whatever a damaged file says
         found.named.extend(named);
     }
     Ok(())

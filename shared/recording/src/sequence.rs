@@ -75,7 +75,7 @@ pub struct Collector {
 impl Collector {
     /// A collector that goes on after `last_tick`; with `None` it begins with the oldest tick that can be had.
     pub fn after(last_tick: Option<u64>) -> Collector {
-        Collector { next: last_tick.map(|tick| tick + 1), pending: BTreeMap::new() }
+        Collector { next: last_tick.map(|tick| tick.saturating_add(1)), pending: BTreeMap::new() }
     }
 
     /// The next tick that is expected.

@@ -160,7 +160,7 @@ impl Writer {
         }
         self.last_tick = block.applied.iter().map(|record| record.tick).max().max(self.last_tick);
         block.applied.iter().for_each(|record| TickRange::extend(&mut self.unsynced, record.tick));
-        self.lost += block.lost.iter().map(|range| range.count()).sum::<u64>();
+        self.lost = block.lost.iter().map(TickRange::count).fold(self.lost, u64::saturating_add);
         Ok(())
     }
 

@@ -125,6 +125,7 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>, past: Past) -> 
     let mut scene = read.load(&seats)?;
     scene.drawn.extend(drawn);
     scene.is_head_free = case.rules.camera == CameraHead::Free;
+    scene.fluid.deficit_alarm_ml = case.rules.max_deficit_ml;
     if past == Past::New {
         fits::playable_as_drawn(&case, &scene).map_err(located)?;
     }

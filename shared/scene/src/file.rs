@@ -107,6 +107,9 @@ pub struct Look {
     /// Roughness of the wet surface, 0 (a mirror) to 1 (matt). Default: 0.35.
     #[serde(default = "roughness")]
     pub roughness: f64,
+    /// A pathology is a myoma: large vessels run over its capsule, and what is cut of it is pale and whorled. Default: false.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub myoma: bool,
 }
 
 fn roughness() -> f64 {

@@ -6,6 +6,8 @@ use crate::validate::{Checked, range};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Pascal per millimetre of mercury.
+pub const PA_PER_MMHG: f64 = 133.322;
 /// Most cells of the fluid's grid: four million cells are 0.3 GB of fields.
 const MAX_CELLS: u64 = 4_000_000;
 /// What a container holds where the scene says nothing, ml: a bag of 3 l.
@@ -123,7 +125,7 @@ pub struct CavityCurve {
 
 impl Default for CavityCurve {
     fn default() -> Self {
-        CavityCurve { volume_ml: 8.0, parting_pa: 40.0 * 133.322, parting_ml: 0.5 }
+        CavityCurve { volume_ml: 8.0, parting_pa: 40.0 * PA_PER_MMHG, parting_ml: 0.5 }
     }
 }
 
@@ -186,6 +188,8 @@ pub struct LoadedFluid {
     pub rest_pressure_pa: f32,
     /// What a container of medium holds, ml.
     pub container_ml: f32,
+    /// Deficit at which the pump gives alarm, ml: what a case allows; `None` is the pump's own for the medium.
+    pub deficit_alarm_ml: Option<f64>,
     /// The pump, its tubes and the sheath.
     pub pump: Pump,
     /// How the cavity gives way.
@@ -212,6 +216,7 @@ impl LoadedFluid {
             set_pressure_pa: fluid.set_pressure_pa as f32,
             rest_pressure_pa: fluid.rest_pressure_pa.unwrap_or(fluid.set_pressure_pa) as f32,
             container_ml: fluid.container_ml.unwrap_or(CONTAINER_ML) as f32,
+            deficit_alarm_ml: None,
             pump: fluid.pump.unwrap_or_default(),
             cavity: fluid.cavity.unwrap_or_default(),
             viscosity_pa_s: fluid.viscosity_pa_s as f32,

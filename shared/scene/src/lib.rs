@@ -56,7 +56,7 @@ pub use error::{SceneError, SceneErrorKind};
 pub use file::{
     Deformable, DeformableKind, Fixed, Hand, HandPose, Look, LoopUse, Material, Place, Scene, ScriptLeg, View, Workspace,
 };
-pub use fluid::{CavityCurve, Fluid, LoadedFluid, Medium, Pump, PumpChange, Vessels};
+pub use fluid::{CavityCurve, Fluid, LoadedFluid, Medium, PA_PER_MMHG, Pump, PumpChange, Vessels};
 pub use instrument::{Electrode, Jaws, Rigid, RigidKind, Tip};
 pub use jaws::LoadedJaws;
 pub use load::{load, load_embedded, load_or_embedded};

@@ -8,7 +8,7 @@ use crate::file::{Deformable, Material};
 use crate::fixed::{in_box, in_sphere};
 use crate::layer::Skin;
 use crate::names::is_name;
-use crate::validate::{Checked, corners, range, stuff};
+use crate::validate::{Checked, coordinate, corners, range, sphere, stuff};
 use hyst_mesh::TetMesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -142,10 +142,10 @@ pub(crate) fn validate(object: &Deformable, key: &str) -> Checked {
 fn validate_part(part: &Part, key: &str) -> Checked {
     match part {
         Part::Tag(_) => Ok(()),
-        Part::Sphere { radius_m, .. } => range(format!("{key}.sphere.radius_m"), *radius_m, 1e-6, 10.0, "m"),
+        Part::Sphere { radius_m, .. } => sphere(key, *radius_m),
         Part::Box { min_m, max_m } => corners(&format!("{key}.box.min_m"), min_m, max_m),
-        Part::BelowZM(z) => range(format!("{key}.below_z_m"), *z, -10.0, 10.0, "m"),
-        Part::AboveZM(z) => range(format!("{key}.above_z_m"), *z, -10.0, 10.0, "m"),
+        Part::BelowZM(z) => coordinate(format!("{key}.below_z_m"), *z),
+        Part::AboveZM(z) => coordinate(format!("{key}.above_z_m"), *z),
         Part::InnerLayerM(thick_m) => range(format!("{key}.inner_layer_m"), *thick_m, 0.0, MAX_LAYER_M, "m"),
         Part::OuterLayerM(thick_m) => range(format!("{key}.outer_layer_m"), *thick_m, 0.0, MAX_LAYER_M, "m"),
     }

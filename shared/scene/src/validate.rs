@@ -8,6 +8,8 @@ use crate::{fluid, region};
 
 /// Most objects of each kind and most hands in a scene: each costs time at every tick or at every start.
 const MAX_OBJECTS: usize = 64;
+/// Farthest that a coordinate is from the scene's origin, and largest radius, m: what is farther is in another unit.
+const FARTHEST_M: f64 = 10.0;
 
 pub(crate) type Checked = Result<(), SceneError>;
 
@@ -54,6 +56,16 @@ pub(crate) fn range(key: impl Into<String>, value: f64, low: f64, high: f64, uni
     Err(SceneError::new(Kind::Range, key, what.trim_end().to_owned(), "give a value in this range, in SI units"))
 }
 
+/// A coordinate, m.
+pub(crate) fn coordinate(key: impl Into<String>, coordinate_m: f64) -> Checked {
+    range(key, coordinate_m, -FARTHEST_M, FARTHEST_M, "m")
+}
+
+/// The radius of a sphere of nodes or tets, by the key of the list's entry.
+pub(crate) fn sphere(key: &str, radius_m: f64) -> Checked {
+    range(format!("{key}.sphere.radius_m"), radius_m, 1e-6, FARTHEST_M, "m")
+}
+
 /// Exactly one of these is given.
 pub(crate) fn one_of(key: &str, given: &[(&str, bool)]) -> Checked {
     let names: Vec<&str> = given.iter().map(|(name, _)| *name).collect();
@@ -87,7 +99,7 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
         range(format!("{key}.rotate_deg"), angle, -360.0, 360.0, "°")?;
     }
     for shift in object.translate_m.into_iter().flatten() {
-        range(format!("{key}.translate_m"), shift, -10.0, 10.0, "m")?;
+        coordinate(format!("{key}.translate_m"), shift)?;
     }
     if let Some(look) = &object.look {
         for share in look.colour.into_iter().chain([look.roughness]) {
@@ -117,18 +129,19 @@ pub(crate) fn stuff(material: &Material, key: &str) -> Checked {
 
 fn fixed(shape: &Fixed, key: &str) -> Checked {
     match shape {
-        Fixed::Sphere { radius_m, .. } => range(format!("{key}.sphere.radius_m"), *radius_m, 1e-6, 10.0, "m"),
+        Fixed::Sphere { radius_m, .. } => sphere(key, *radius_m),
         Fixed::Box { min_m, max_m } => corners(&format!("{key}.box.min_m"), min_m, max_m),
-        Fixed::BelowZM(z) => range(format!("{key}.below_z_m"), *z, -10.0, 10.0, "m"),
-        Fixed::AboveZM(z) => range(format!("{key}.above_z_m"), *z, -10.0, 10.0, "m"),
+        Fixed::BelowZM(z) => coordinate(format!("{key}.below_z_m"), *z),
+        Fixed::AboveZM(z) => coordinate(format!("{key}.above_z_m"), *z),
         Fixed::OuterShell(share) => range(format!("{key}.outer_shell"), *share, 0.0, 0.5, ""),
     }
 }
 
+/// The corners of a box of nodes or tets.
 pub(crate) fn corners(key: &str, min_m: &[f64; 3], max_m: &[f64; 3]) -> Checked {
     for axis in 0..3 {
-        range(key, min_m[axis], -10.0, 10.0, "m")?;
-        range(key, max_m[axis], -10.0, 10.0, "m")?;
+        coordinate(key, min_m[axis])?;
+        coordinate(key, max_m[axis])?;
         if min_m[axis] >= max_m[axis] {
             let what = format!("the lower corner {min_m:?} is not below the upper corner {max_m:?} on every axis");
             return Err(SceneError::new(Kind::Range, key, what, "exchange the coordinates"));
@@ -155,7 +168,7 @@ fn rigid(object: &Rigid, key: &str) -> Checked {
 
 fn workspace(limits: &Workspace) -> Checked {
     for pivot in limits.pivot_m {
-        range("workspace.pivot_m", pivot, -10.0, 10.0, "m")?;
+        coordinate("workspace.pivot_m", pivot)?;
     }
     ordered("workspace.pitch_deg".to_owned(), limits.pitch_deg, -80.0, 80.0, "°")?;
     ordered("workspace.yaw_deg".to_owned(), limits.yaw_deg, -80.0, 80.0, "°")?;

@@ -73,6 +73,8 @@ fn the_settled_text_is_a_case_that_draws_the_same_wherever_it_lies() {
         let by_an_engine = load(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
         assert_eq!((again.scene.hash, &again.text, &again.brief), (case.scene.hash, &case.text, &case.brief), "{name}");
+        let alarm_ml = (name == "myoma").then_some(1_000.0);
+        assert_eq!(by_an_engine.fluid.deficit_alarm_ml, alarm_ml, "{name}: the pump gives alarm where the case warns");
         assert_eq!(by_an_engine, case.scene, "{name}");
     }
 }

@@ -209,7 +209,7 @@ impl Group {
         let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
         // Its own death, and that of the old one which a swap ends.
         let devices_ended =
-            [target.split(':').next(), swap.map(Role::name)].into_iter().filter(|name| *name == Some(Role::Device.name()));
+            [Some(Role::name_in(target)), swap.map(Role::name)].into_iter().filter(|name| *name == Some(Role::Device.name()));
         let device_ticks = devices_ended.count() as u64 * DEVICE_TICKS;
         let what = injection(kind, target, &self.options)?;
         for hurt in std::iter::once(&what).chain(&with) {
@@ -245,20 +245,21 @@ fn swapped(name: &str, target: &str) -> Result<Role, String> {
 
 /// The injection that a cell's keys say, checked as one from the command line.
 fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injection, String> {
-    if FaultKind::from_name(kind).is_none() {
-        let known: Vec<&str> = FaultKind::ALL.iter().map(|(_, name, _)| *name).collect();
-        return Err(format!("kind {kind:?}: there are {}", known.join(", ")));
-    }
-    if kind == "cont" {
-        return Err(
-            "kind \"cont\" continues a process that is stopped, and none is; write kind \"stop\" with for = SECONDS".into()
-        );
-    }
-    if kind == "undo" {
-        return Err(
-            "kind \"undo\" ends what was done to a process for a time, and nothing is; a fault with for = SECONDS ends by itself"
-                .into(),
-        );
+    let refused = |why: &str| Err(format!("kind {kind:?} {why}"));
+    match FaultKind::from_name(kind) {
+        None => {
+            let known: Vec<&str> = FaultKind::ALL.iter().map(|(_, name, _)| *name).collect();
+            return Err(format!("kind {kind:?}: there are {}", known.join(", ")));
+        }
+        Some(FaultKind::Cont) => {
+            return refused("continues a process that is stopped, and none is; write kind \"stop\" with for = SECONDS");
+        }
+        Some(FaultKind::Undo) => {
+            return refused(
+                "ends what was done to a process for a time, and nothing is; a fault with for = SECONDS ends by itself",
+            );
+        }
+        Some(_) => {}
     }
     let mut table = options.clone();
     for key in OF_THE_CELL {
@@ -300,7 +301,7 @@ fn is_of_newcomer(target: &str) -> bool {
 }
 
 fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
-    let is_tissue = target.split(':').next() == Some(Role::Tissue.name());
+    let is_tissue = Role::name_in(target) == Role::Tissue.name();
     let text = text.unwrap_or(if is_tissue { "kill haptic:active" } else { "kill tissue:active" });
     let form =
         || format!("with = {text:?}: write KIND TARGET, as \"kill tissue:active\", and options, as \"no-files device for=0.5\"");
@@ -340,7 +341,7 @@ impl Cell {
 
     /// The target's role.
     pub fn role(&self) -> &str {
-        self.injection.target.split(':').next().unwrap_or("")
+        Role::name_in(&self.injection.target)
     }
 
     /// Whether it can be in an arm: the processes it hurts exist there, and the hand does something. Whether that cuts is the scene's to say.

@@ -49,7 +49,7 @@ impl Deficit {
             Some((_, newest)) if jump_ml <= MOST_JUMP_ML && unexplained_ml(newest, &status) > MOST_JUMP_ML => {
                 (self.good, self.doubt) = (Some(status), None);
             }
-            Some((jump, _)) if status.state_tick > jump.0 + TAKEN_BACK_TICKS => {
+            Some((jump, _)) if status.state_tick > jump.0.saturating_add(TAKEN_BACK_TICKS) => {
                 self.jumps.push(*jump);
                 (self.good, self.doubt) = (Some(status).filter(|status| status.deficit_ml.is_finite()), None);
             }

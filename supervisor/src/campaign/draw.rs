@@ -7,8 +7,9 @@
 use super::cell::Cell;
 use super::file::Campaign;
 use super::stage::Place;
-use crate::faultfile::Injection;
+use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::STEADY_TICKS;
+use crate::suspicion::is_real_time;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
@@ -128,7 +129,7 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
 /// How long after the other fault one comes that falls into its recovery. Who is to do wrong itself does it in its next step, and that may have begun: it
 /// has two of them for it, or nothing had happened yet that the second fault could fall into.
 fn draw_with_ticks(cell: &Cell, draw: &mut Draw) -> u64 {
-    let role = cell.with.as_ref().and_then(|with| Role::from_name(with.target.split(':').next()?));
+    let role = cell.with.as_ref().and_then(|with| Role::from_name(Role::name_in(&with.target)));
     let is_asked = |with: &Injection| with.kind.mischief().is_some() && with.kind.signal().is_none();
     let least = if cell.with.as_ref().is_some_and(is_asked) { 2 * role.map_or(0, period_ticks) } else { 0 };
     let most = if role == Some(Role::Haptic) { MOST_WITH_SERVO_TICKS } else { least + MOST_WITH_TICKS };
@@ -149,15 +150,15 @@ fn period_ticks(role: Role) -> u64 {
 /// Ticks that the recovery from a fault takes at least beyond the gap. Not what it may take: a fault whose tick has passed comes as soon as the
 /// station is whole and has been quiet, and a plan that leaves more room than is needed costs that room each time.
 fn room_ticks(cell: &Cell) -> u64 {
-    let is_slow = !matches!(cell.role(), "device" | "haptic" | "tissue" | "collision-worker");
-    match (is_slow, cell.injection.kind.name()) {
+    let is_slow = !Role::from_name(cell.role()).is_some_and(is_real_time);
+    match cell.injection.kind {
         // Growth and a helper that stands still are found after some seconds, a start that hangs after many, and the control window is as long as that.
-        (_, "leak-memory" | "leak-files") => 6_000,
-        (_, "block") if cell.injection.thread.is_some() => 6_000,
-        (_, "hang-start") => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
-        (_, "slow" | "no-files") => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
-        (true, _) => 300,
-        (false, _) => 0,
+        FaultKind::LeakMemory | FaultKind::LeakFiles => 6_000,
+        FaultKind::Block if cell.injection.thread.is_some() => 6_000,
+        FaultKind::HangStart => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
+        FaultKind::Slow | FaultKind::NoFiles => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
+        _ if is_slow => 300,
+        _ => 0,
     }
 }
 

@@ -11,7 +11,7 @@ use std::fmt::Write;
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#1f2937;background:#fff;max-width:1320px;margin:2rem auto;padding:0 1rem}\
 h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #e5e7eb;padding-bottom:.2rem}h3{font-size:1rem;margin:1.2rem 0 0}\
 .banner{padding:.7rem 1rem;border-radius:8px;color:#fff;font-weight:600;display:inline-block;margin:.6rem 0}p.note{color:#4b5563;max-width:75ch}\
-.wide{overflow-x:auto}table{border-collapse:collapse;font-size:12px;width:100%}th{text-align:right;color:#4b5563;font-weight:600;border-bottom:2px solid #d1d5db;padding:.3rem .35rem;vertical-align:bottom}\
+.wide{overflow-x:auto}:focus-visible{outline:3px solid #1d4ed8;outline-offset:2px}table{border-collapse:collapse;font-size:12px;width:100%}th{text-align:right;color:#4b5563;font-weight:600;border-bottom:2px solid #d1d5db;padding:.3rem .35rem;vertical-align:bottom}\
 td{text-align:right;border-bottom:1px solid #f0f1f3;padding:.25rem .35rem;font-variant-numeric:tabular-nums;white-space:nowrap}th:first-child,td:first-child{text-align:left}\
 tr.pool td{background:#f9fafb;font-weight:600}svg{width:100%;height:auto;display:block}.grid{stroke:#e5e7eb}.mark{font-size:12px;fill:#6b7280;text-anchor:middle}\
 .name{font-size:12.5px;text-anchor:end}.limit{stroke:#111827;stroke-width:2;stroke-dasharray:3 2}li{margin:.2rem 0}.key{display:inline-block;margin-right:1rem}\
@@ -115,7 +115,8 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
-        "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
+        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Cells\"><table>\
+         <tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
          <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>one-sided<br>95 % bounds</th><th>limit</th><th>excess misses<br>mean &lt; 95 %</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th><th>of ticks right<br>after, missed</th>\
          <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
@@ -200,7 +201,8 @@ fn segments_table(page: &mut String, judgement: &Judgement) {
     }
     page.push_str(
         "<h2>What was noticed of what is only done from outside</h2>\n<p class=\"note\">That bytes were flipped is no sign that anybody read them: faults of which \
-         nothing was noticed are in no bound.</p>\n<div class=\"wide\"><table><tr><th>where</th><th>target</th><th>arm</th><th>done</th><th>noticed</th>\
+         nothing was noticed are in no bound.</p>\n\
+         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"What was noticed\"><table><tr><th>where</th><th>target</th><th>arm</th><th>done</th><th>noticed</th>\
          <th>noticed by, or what became of it</th><th>died</th><th>and else</th><th>excess misses</th><th>invalid or stale<br>applied, ticks</th></tr>\n",
     );
     for figures in rows {
@@ -223,7 +225,8 @@ fn segments_table(page: &mut String, judgement: &Judgement) {
 
 fn stations_table(stations: &[StationOutcome]) -> String {
     let mut text = String::from(
-        "<div class=\"wide\"><table><tr><th>station</th><th>arm</th><th>faults</th><th>ticks</th><th>void</th><th>invalid applied</th><th>stale applied</th>\
+        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Stations\"><table>\
+         <tr><th>station</th><th>arm</th><th>faults</th><th>ticks</th><th>void</th><th>invalid applied</th><th>stale applied</th>\
          <th>left over</th><th>given up</th><th>recorded ticks</th><th>exit code</th><th>remarks</th></tr>\n",
     );
     for station in stations {

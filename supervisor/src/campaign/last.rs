@@ -22,7 +22,11 @@ impl LastForces {
 
     /// Largest step from one tick to the next, N; `None` if no two ticks follow each other. One that is not finite is a step beyond every limit.
     pub(super) fn step_max_n(&self) -> Option<f64> {
-        let pairs = self.ticks.iter().zip(self.ticks.iter().skip(1)).filter(|((before, _), (tick, _))| *tick == before + 1);
+        let pairs = self
+            .ticks
+            .iter()
+            .zip(self.ticks.iter().skip(1))
+            .filter(|((before, _), (tick, _))| before.checked_add(1) == Some(*tick));
         let steps = pairs.map(|((_, from), (_, to))| {
             let squares = from.iter().zip(to).map(|(from, to)| f64::from(to - from).powi(2)).sum::<f64>();
             if squares.is_finite() { squares.sqrt() } else { f64::MAX }

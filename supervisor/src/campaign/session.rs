@@ -175,7 +175,7 @@ impl Session {
         let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
         let page = viewer.page();
         let in_trouble = |role: &Role| page.is_held(*role) || page.ground_tick(*role) != u64::MAX;
-        let troubled = [Role::Tissue, Role::Fluid].iter().any(in_trouble);
+        let troubled = Role::STATEFUL.iter().any(in_trouble);
         let whole = supervised && !troubled && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
         self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
         whole

@@ -3,7 +3,7 @@
 use super::deficit::Deficit;
 use super::last::LastForces;
 use super::origin::Origin;
-use crate::fault::Fault;
+use crate::fault::{EXTERNAL, Fault};
 use hyst_recording::sequence::RING_TICKS;
 use hyst_recording::{Continuity, Ending, Reader};
 use serde::{Deserialize, Serialize};
@@ -94,7 +94,7 @@ impl StationOutcome {
         self.invalid_applied = number(&report["invalid_applied"]);
         self.stale_applied = number(&report["stale_applied"]);
         self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
-        let faults = report["faults"].as_array().into_iter().flatten().filter(|fault| fault["kind"] == "external");
+        let faults = report["faults"].as_array().into_iter().flatten().filter(|fault| fault["kind"] == EXTERNAL);
         self.external = faults.filter_map(|fault| Fault::deserialize(fault).ok()).collect();
         let names = report["given_up"].as_array().into_iter().flatten();
         self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
@@ -145,7 +145,8 @@ impl StationOutcome {
         }
         (self.deficit_jumps, self.last_step_max_n) = (deficit.jumps(), last.step_max_n());
         (self.recorded_ticks, self.repeated_ticks) = (continuity.ticks, continuity.repeated);
-        let beyond = self.ticks.saturating_sub(continuity.ticks + continuity.lost() + continuity.unmade);
+        let beyond =
+            self.ticks.saturating_sub(continuity.ticks).saturating_sub(continuity.lost()).saturating_sub(continuity.unmade);
         self.missing_ticks = continuity.missing().max(if beyond > MOST_UNRECORDED { beyond } else { 0 });
         self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
         if !matches!(reader.ending(), Some(Ending::Complete)) {

@@ -183,8 +183,7 @@ fn segments_text(judgement: &Judgement) -> String {
 
 /// The numbers of the faults that nobody noticed, in words; `None` if there are none.
 pub fn unnoticed(figures: &Figures) -> Option<String> {
-    let numbers: Vec<String> = figures.unnoticed.iter().map(usize::to_string).collect();
-    (!numbers.is_empty()).then(|| format!("done and not noticed: fault {}", numbers.join(", ")))
+    numbered("done and not noticed: fault", &figures.unnoticed)
 }
 
 /// What speaks against cells and pools, and what else is to be known of them.

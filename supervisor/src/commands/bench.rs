@@ -5,6 +5,7 @@ mod arm;
 mod bare;
 mod flow;
 mod probe;
+mod program;
 mod recording;
 mod rows;
 mod station;

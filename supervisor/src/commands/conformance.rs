@@ -9,7 +9,7 @@ mod driver;
 mod own;
 
 use super::swap::swap_and_wait;
-use crate::policy::{self, Cause};
+use crate::policy::Cause;
 use crate::settings::Refusal;
 use crate::swap::{role_of, stated, verify};
 use crate::view::{ProcessView, Viewer};
@@ -226,7 +226,7 @@ fn active(role: Role, private: &mut Private) -> Result<ProcessView, String> {
     loop {
         wait_until(private, role, BACK_WITHIN_NS, |_| true).map_err(|refusal| refusal.message)?;
         let view = Viewer::open(&private.station).map_err(|error| error.to_string())?.look();
-        let is_it = |process: &ProcessView| process.active && process.name.split(':').next() == Some(role.name());
+        let is_it = |process: &ProcessView| process.active && Role::name_in(&process.name) == role.name();
         if let Some(active) = view.processes.into_iter().find(is_it) {
             return Ok(active);
         }
@@ -262,7 +262,7 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
     let told = |text: &str| record.steps.iter().find(|step| step.what.contains(text));
     let ready = told("ready, and").map(|step| format!("after {:.0} ms", step.at_ms)).ok_or(record.reason.clone());
     let mut checks = vec![check("becomes ready", ready)];
-    if policy::is_stateful(role) {
+    if role.is_stateful() {
         let compared = told("states compared").map(|step| step.what.clone()).ok_or(record.reason.clone());
         checks.push(check("agrees with the old engine", compared));
     }

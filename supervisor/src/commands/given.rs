@@ -1,6 +1,7 @@
 //! A file for who asked for it: written beside its place and put there when it is whole. Promise: where the disk does not take all of it, what was there before
 //! stays, and nothing is left beside it.
 
+use hyst_exchange::whole;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ impl Given {
     pub fn begin(path: &Path) -> io::Result<Given> {
         let place = path.canonicalize().unwrap_or_else(|_| path.to_path_buf()); // of one that is not there yet
         let is_file = std::fs::metadata(&place).map_or(true, |there| there.is_file());
-        let next = is_file.then(|| beside(&place));
+        let next = is_file.then(|| whole::beside(&place));
         let out = BufWriter::new(File::create(next.as_ref().unwrap_or(&place))?);
         Ok(Given { place, next, out })
     }
@@ -55,13 +56,6 @@ impl Drop for Given {
             let _ = std::fs::remove_file(next); // it did not become whole
         }
     }
-}
-
-/// The whole name is kept, so that `a.json` and `a.csv` do not meet there.
-fn beside(place: &Path) -> PathBuf {
-    let mut next = place.as_os_str().to_os_string();
-    next.push(".next");
-    PathBuf::from(next)
 }
 
 #[cfg(test)]

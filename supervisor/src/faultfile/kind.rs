@@ -1,7 +1,6 @@
 //! The kinds of faults: what each does, what the process is asked to do for it, and which processes it cannot be done to.
 
 use super::Target;
-use crate::policy::is_stateful;
 use hyst_messages::Role;
 use hyst_messages::mischief::Mischief;
 use rustix::process::Signal;
@@ -249,7 +248,7 @@ impl FaultKind {
             Role::Rendering if what.is_lie() => Some("its pictures are for the eye alone: nobody computes from them"),
             Role::Recorder | Role::Console if what.is_lie() => Some("it publishes nothing that another process computes from"),
             Role::Haptic if what == Mischief::Doom => None, // all of them compute from the same input
-            _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
+            _ if what.is_lasting() && !role.is_stateful() => Some("it has no state that a successor goes on from"),
             Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
             Role::Device | Role::Haptic if what == Mischief::Layout => {
                 Some("its output lies in its page, whose layout is checked once, before anybody follows it")

@@ -1,7 +1,6 @@
 //! The options of faults: what each kind takes, within which bounds, and what stands for one that is left out.
 
 use super::{FaultKind, Injection, Keepers};
-use crate::policy::is_stateful;
 use hyst_messages::{Kind, Role, kinds_of};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -83,7 +82,7 @@ impl Injection {
         let has_stream = kinds_of(role).iter().any(|kind| *kind != Kind::Appearance);
         match self.place? {
             Place::Stream | Place::Link if !has_stream => Some("it has no stream of its own"),
-            Place::Checkpoint if !is_stateful(role) => Some("it has no state, and so no checkpoint"),
+            Place::Checkpoint if !role.is_stateful() => Some("it has no state, and so no checkpoint"),
             _ => None,
         }
     }

@@ -1,6 +1,5 @@
 //! Whom a fault is for: engines, by role and place, or those who keep the station.
 
-use crate::policy::is_replicated;
 use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
 
@@ -32,11 +31,11 @@ impl Target {
     /// Reads a target; an indexed role without a word after the colon means the active one.
     pub fn parse(text: &str) -> Option<Target> {
         let (name, which) = text.split_once(':').unwrap_or((text, "active"));
-        let role = Role::from_name(name).filter(|role| !matches!(role, Role::Hardware | Role::Guardian | Role::Supervisor))?;
+        let role = Role::from_name(name).filter(|role| role.is_engine())?;
         let which = match which {
             "active" => Which::Active,
             "spare" if role.is_indexed() => Which::Spare,
-            "both" if is_replicated(role) => Which::Both,
+            "both" if role.is_replicated() => Which::Both,
             "newcomer" => Which::Newcomer,
             index => Which::Slot(Slot::new(role, index.parse().ok()?)?),
         };

@@ -44,7 +44,7 @@ impl Helper {
         match self {
             Helper::Usher => true,
             Helper::Drain => role == Role::Haptic,
-            Helper::Keeper => matches!(role, Role::Tissue | Role::Fluid),
+            Helper::Keeper => role.is_stateful(),
             Helper::Clerk => role == Role::Tissue,
         }
     }

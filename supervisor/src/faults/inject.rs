@@ -56,7 +56,7 @@ impl Faults {
         shortage::check(&self.station, kind)?;
         let at_once = injection.tick == 0 || viewer.page().is_lockstep(); // a virtual clock stands still meanwhile
         let phase_ns = u64::from(injection.phase_us) * 1_000;
-        let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick) + phase_ns };
+        let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick).saturating_add(phase_ns) };
         if moment_ns.saturating_sub(system::now_ns()) <= moment::MOST_AHEAD_NS {
             system::sleep_until_ns(moment_ns.saturating_sub(AIM_NS));
         }
@@ -176,7 +176,7 @@ impl Faults {
             if fault.incarnation == victim.incarnation {
                 fault.asked = fault.asked.map(|(_, done)| (now_ns, done));
                 // One that was stopped goes on.
-                fault.continue_ns = (fault.kind == FaultKind::Stop.name()).then_some(now_ns).or(fault.continue_ns);
+                fault.continue_ns = fault.is(FaultKind::Stop).then_some(now_ns).or(fault.continue_ns);
             }
             fault.ballast = fault.ballast.take().map(|(path, _)| (path, now_ns));
         }
@@ -248,9 +248,8 @@ impl Faults {
 
 /// Whether a fault still does something that can end: to its living victim, to a start, or to a file system.
 fn is_lasting(fault: &Fault) -> bool {
-    let is_of = |kind: FaultKind| fault.kind == kind.name();
-    let is_asked = fault.asked.is_some() && !is_of(FaultKind::Corrupt); // bytes that were flipped stay so
-    let to_victim = !fault.dead && fault.recovered_us.is_none() && (is_of(FaultKind::Stop) || is_asked);
+    let is_asked = fault.asked.is_some() && !fault.is(FaultKind::Corrupt); // bytes that were flipped stay so
+    let to_victim = !fault.dead && fault.recovered_us.is_none() && (fault.is(FaultKind::Stop) || is_asked);
     to_victim || fault.starts_left.is_some_and(|left| left > 0) || fault.ballast.is_some()
 }
 

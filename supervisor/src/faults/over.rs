@@ -1,7 +1,7 @@
 //! How a fault is over whose victim is not the one who ends it: a successor is there, a place is empty on purpose, the keepers are whole again.
 
 use super::{Faults, begin_ns};
-use crate::fault::{Fault, us};
+use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::{FaultKind, Keepers};
 use crate::keepers::Suffered;
 use crate::policy::Cause;
@@ -12,18 +12,19 @@ impl Faults {
     /// The guardian is found dead at a time, and was well when it was last looked at; whoever takes its place is awaited by [`Faults::guardian_back`].
     pub fn guardian_died(&mut self, well_ns: u64, found_ns: u64) {
         let since_ns = begin_ns(well_ns, found_ns);
-        let fault = self.start("external", Slot::first(Role::Guardian), 0, since_ns);
-        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "supervisor".into());
-        fault.detected_us = Some(us(found_ns, since_ns));
+        let fault = self.start(EXTERNAL, Slot::first(Role::Guardian), 0, since_ns);
+        (fault.manifested, fault.dead) = (true, true);
+        fault.found_by("supervisor", found_ns);
         self.keep_open();
     }
 
     /// The supervisor before this one died after its last heartbeat, was found by the guardian when that started this one, and is replaced now.
     pub fn supervisor_died(&mut self, beat_ns: u64, found_ns: u64, now_ns: u64) {
         let since_ns = begin_ns(beat_ns, now_ns);
-        let fault = self.start("external", Slot::first(Role::Supervisor), 0, since_ns);
-        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "guardian".into());
-        (fault.detected_us, fault.recovered_us) = (Some(us(found_ns, since_ns)), Some(us(now_ns, since_ns)));
+        let fault = self.start(EXTERNAL, Slot::first(Role::Supervisor), 0, since_ns);
+        (fault.manifested, fault.dead) = (true, true);
+        fault.found_by("guardian", found_ns);
+        fault.over_at(now_ns);
         self.keep_open();
     }
 
@@ -41,7 +42,8 @@ impl Faults {
         // Of both it is the supervisor's, as their death is.
         let role = if keepers == Keepers::Guardian { Role::Guardian } else { Role::Supervisor };
         let fault = self.start(kind.name(), Slot::first(role), 0, since_ns);
-        (fault.manifested, fault.recovered_us) = (kind != FaultKind::Oom, Some(us(until_ns, since_ns)));
+        fault.manifested = kind != FaultKind::Oom;
+        fault.over_at(until_ns);
         self.keep_open();
         Ok(())
     }
@@ -50,7 +52,7 @@ impl Faults {
     pub fn ready(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         for fault in &mut self.open.faults {
             if fault.slot == slot.number() && fault.dead && fault.incarnation < incarnation && fault.recovered_us.is_none() {
-                fault.recovered_us = Some(us(at_ns, fault.injected_ns));
+                fault.over_at(at_ns);
             }
         }
         self.keep_open();
@@ -65,10 +67,10 @@ impl Faults {
             let is_signal = fault.asked.is_none() && fault.starts_left.is_none();
             fault.manifested |= is_signal || cause == Cause::Died && fault.starts_left.is_none();
             // Bytes that were flipped and files that cannot be opened end nobody who goes for another reason, and are over by themselves.
-            let is_beside_it = [FaultKind::Corrupt, FaultKind::NoFiles].iter().any(|kind| fault.kind == kind.name());
+            let is_beside_it = [FaultKind::Corrupt, FaultKind::NoFiles].iter().any(|kind| fault.is(*kind));
             fault.dead |= speaks_of_it || !is_beside_it;
             if fault.detected_us.is_none() && speaks_of_it {
-                (fault.detected_by, fault.detected_us) = ("swap".into(), Some(us(at_ns, fault.injected_ns)));
+                fault.found_by("swap", at_ns);
             }
         }
         self.keep_open();
@@ -77,7 +79,7 @@ impl Faults {
     /// The slot is given up on purpose: nobody is missed there, whether it died of its fault or was ended for it.
     pub fn vacated(&mut self, slot: Slot, at_ns: u64) {
         for fault in self.open.faults.iter_mut().filter(|fault| fault.slot == slot.number() && fault.recovered_us.is_none()) {
-            fault.recovered_us = Some(us(at_ns, fault.injected_ns));
+            fault.over_at(at_ns);
         }
         self.keep_open();
     }

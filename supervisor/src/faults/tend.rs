@@ -2,7 +2,7 @@
 
 use super::Faults;
 use crate::active::active_now;
-use crate::fault::{Fault, us};
+use crate::fault::Fault;
 use crate::faultfile::FaultKind;
 use crate::shortage::{self, FILL_WITHIN_NS};
 use crate::view::Viewer;
@@ -31,7 +31,7 @@ impl Faults {
             let Some(slot) = Slot::from_number(fault.slot) else { continue };
             look_at_starts(fault, slot, viewer);
             end_shortage(fault, slot, now_ns, viewer);
-            if fault.kind == FaultKind::Segfault.name()
+            if fault.is(FaultKind::Segfault)
                 && let Some(pid) = pid_of(fault, slot, viewer)
             {
                 proc::signal(pid, Signal::SEGV); // it had no time to feel the first ones
@@ -42,14 +42,15 @@ impl Faults {
                     if let Some(pid) = pid_of(fault, slot, viewer) {
                         proc::signal(pid, Signal::CONT);
                     }
-                    (fault.manifested, fault.recovered_us) = (true, Some(us(now_ns, fault.injected_ns)));
+                    fault.manifested = true;
+                    fault.over_at(now_ns);
                 }
             }
         }
     }
 
     pub(super) fn note_active(&mut self, now_ns: u64, viewer: &mut Viewer) {
-        for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+        for role in Role::REPLICATED {
             let device = viewer.slot_page(Slot::first(Role::Device));
             let incarnation = active_now(&self.station, &self.roster, device, role);
             self.active.note(now_ns, role, incarnation);
@@ -78,18 +79,18 @@ impl Faults {
                 note_done(fault, mischief::done(viewer, slot));
             }
             // What leaks is found by its growth, and a helper by its own process; that somebody was late once in those seconds is noise.
-            let leaks = [FaultKind::LeakMemory, FaultKind::LeakFiles].iter().any(|kind| fault.kind == kind.name());
+            let leaks = [FaultKind::LeakMemory, FaultKind::LeakFiles].iter().any(|kind| fault.is(*kind));
             if fault.detected_us.is_none()
                 && !leaks
                 && fault.thread.is_none()
                 && let Some((at_ns, by)) = mischief::first_after(&charges, &fault.kind, fault.incarnation, fault.injected_ns)
             {
-                (fault.detected_by, fault.detected_us) = (by.to_string(), Some(us(at_ns, fault.injected_ns)));
+                fault.found_by(&by.to_string(), at_ns);
             }
             // One that died of another fault does no wrong any more; of this one it is `dead` as soon as that is known.
             let lives = present && !viewer.page().is_dead(slot);
             if until_ns != 0 && now_ns >= until_ns + if lives { SETTLE_NS } else { GONE_NS } {
-                fault.recovered_us = Some(us(until_ns, fault.injected_ns));
+                fault.over_at(until_ns);
             }
         }
     }

@@ -41,19 +41,9 @@ pub const fn limits(role: Role) -> Limits {
     }
 }
 
-/// Whether a role has two slots of which either can do the whole work; the last of them is never given up.
-pub const fn is_replicated(role: Role) -> bool {
-    matches!(role, Role::Haptic | Role::Tissue | Role::Fluid)
-}
-
-/// Whether a role has a state that a successor goes on from.
-pub const fn is_stateful(role: Role) -> bool {
-    matches!(role, Role::Tissue | Role::Fluid)
-}
-
 /// Whether a helper compares what a newcomer on probation makes with what it should be: its states, its force, its page, its recording or its pictures.
 pub const fn is_judged(role: Role) -> bool {
-    is_stateful(role) || matches!(role, Role::Device | Role::Console | Role::Recorder | Role::Rendering)
+    role.is_stateful() || matches!(role, Role::Device | Role::Console | Role::Recorder | Role::Rendering)
 }
 
 /// Roles whose streams a role reads. Its own is left out: of two that follow each other the ladder and the last one's right to live decide.

@@ -1,7 +1,7 @@
 //! What the policy remembers: of each slot, of each role with a state, of a swap that is under way.
 
 use super::ladder::Ladder;
-use super::limits::{is_replicated, is_stateful, limits};
+use super::limits::limits;
 use super::swap::Swap;
 use hyst_messages::{Role, Slot};
 use std::collections::{BTreeMap, VecDeque};
@@ -70,7 +70,7 @@ impl State {
             harmful: 0,
             leaving: None,
         };
-        let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
+        let ladders = slots.iter().filter(|slot| slot.role().is_stateful()).map(|slot| (slot.role(), Ladder::default()));
         let ladders: BTreeMap<Role, Ladder> = ladders.collect();
         let guests = ladders.keys().filter_map(|role| Slot::guest(*role));
         let closed = guests.map(|slot| (slot, Place { life: Life::Closed, ..vacant.clone() }));
@@ -135,7 +135,7 @@ impl State {
     }
     /// The other slot of a role with a spare, if this station has it.
     pub(super) fn sibling(&self, slot: Slot) -> Option<Slot> {
-        let of_two = is_replicated(slot.role()) && !slot.is_guest();
+        let of_two = slot.role().is_replicated() && !slot.is_guest();
         let other = Slot::new(slot.role(), 1 - slot.index().min(1)).filter(|_| of_two)?;
         self.places.contains_key(&other).then_some(other)
     }

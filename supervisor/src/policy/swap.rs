@@ -13,7 +13,7 @@ mod retreat;
 mod settle;
 mod touch;
 
-use super::{Action, Cause, Life, Reason, State, is_judged, is_replicated, is_stateful};
+use super::{Action, Cause, Life, Reason, State, is_judged};
 use hyst_messages::page::Stage as Told;
 use hyst_messages::{Role, Slot};
 use retreat::{fail, retreated};
@@ -227,7 +227,7 @@ pub(super) fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State
     };
     swap.incarnation = incarnation;
     let role = swap.role();
-    if !is_replicated(role) {
+    if !role.is_replicated() {
         swap.begin_probation(now_ns);
         return vec![Action::Told { role, stage: Told::Trial, incarnation }];
     }
@@ -280,15 +280,15 @@ pub(super) fn holds(now_ns: u64, role: Role, incarnation: u32, state: &mut State
             swap.incumbent = incarnation; // whose spare took over meanwhile
             Vec::new()
         }
-        Stage::Shadowing if own && is_stateful(role) => {
+        Stage::Shadowing if own && role.is_stateful() => {
             fail(now_ns, Reason::new(Cause::Unasked, "it took the role unasked"), state)
         }
-        Stage::Probation if !own && is_stateful(role) && swap.losses < MOST_LOSSES => {
+        Stage::Probation if !own && role.is_stateful() && swap.losses < MOST_LOSSES => {
             swap.losses += 1;
             swap.enter(now_ns, Stage::Promoting);
             Vec::new()
         }
-        Stage::Probation if !own && is_stateful(role) => {
+        Stage::Probation if !own && role.is_stateful() => {
             let text = "it missed its steps again and again, and the old engine took the role back";
             fail(now_ns, Reason::new(Cause::Missed, text), state)
         }

@@ -9,16 +9,13 @@ use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Role, Slot};
 use std::sync::atomic::{Ordering, fence};
 
-/// Roles whose holders are in the roster.
-const ROLES: [Role; 2] = [Role::Tissue, Role::Fluid];
-
 /// The roster as the supervisor sees it.
 #[derive(Debug)]
 pub struct Holders {
     roster: Roster,
-    last: [Tenure; ROLES.len()],
+    last: [Tenure; Role::STATEFUL.len()],
     /// What was last put in the place of nonsense: the next nonsense may come before that was seen.
-    mended: [Tenure; ROLES.len()],
+    mended: [Tenure; Role::STATEFUL.len()],
     /// Whoever writes nonsense into the roster may do so all the time.
     said_of_tenures: Seldom,
     said_of_header: Seldom,
@@ -35,7 +32,7 @@ impl Holders {
 
 /// Roles that a supervisor before this one held still stay so, and one that it let go back is on its way still.
 pub fn resume(page: &OwnedPage, clock: &StationPage, state: &mut State) {
-    for role in ROLES {
+    for role in Role::STATEFUL {
         let ground_tick = page.load64(layout::GROUND + role as usize);
         let before_ns = (ground_tick != 0).then(|| clock.start_of(ground_tick));
         let (word, is_held) = (page.load32(layout::LADDER + role as usize), clock.is_held(role));
@@ -50,7 +47,7 @@ impl Supervisor {
             let text = "the roster's page had a damaged header, which was mended";
             self.holders.said_of_header.say(&self.station, now_ns, text);
         }
-        for (index, role) in ROLES.into_iter().enumerate() {
+        for (index, role) in Role::STATEFUL.into_iter().enumerate() {
             let tenure = self.holders.roster.holder(role);
             let (last, mended) = (self.holders.last[index], self.holders.mended[index]);
             if tenure == last && tenure.may_follow(mended) {

@@ -164,8 +164,7 @@ impl Supervisor {
                 trial.record.proven = true;
                 let binary = trial.record.binary.clone();
                 let (compared, before) = trial.compared;
-                let pairs =
-                    if policy::is_stateful(role) { format!(" ({} states compared)", compared - before) } else { String::new() };
+                let pairs = if role.is_stateful() { format!(" ({} states compared)", compared - before) } else { String::new() };
                 let in_touch = self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch);
                 let untried = if in_touch { "" } else { UNTOUCHED };
                 self.note_step(&format!("its probation is over: the role is its own{pairs}{untried}"));
@@ -180,7 +179,7 @@ impl Supervisor {
                     self.page.store32(layout::PREFERRED, to);
                 }
                 let guest = self.trial.as_ref().map_or(0, |trial| trial.record.incarnation);
-                if policy::is_stateful(role) {
+                if role.is_stateful() {
                     let undone = Swap { stage: Stage::Undone, guest };
                     self.page.store64(layout::SWAP + role as usize, undone.word());
                 }
@@ -201,18 +200,18 @@ impl Supervisor {
     }
 
     fn tell(&mut self, role: Role, stage: Stage, incarnation: u32) {
-        if policy::is_stateful(role) || role == Role::Rendering {
+        if role.is_stateful() || role == Role::Rendering {
             self.page.store64(layout::SWAP + role as usize, Swap { stage, guest: incarnation }.word());
         }
         if role == Role::Haptic && stage == Stage::Trial {
             self.page.store32(layout::PREFERRED, incarnation);
         }
         self.spawner.mortality.pass("swap-told");
-        let in_place = !policy::is_replicated(role);
+        let in_place = !role.is_replicated();
         if let Some(trial) = &mut self.trial {
             trial.note_leader();
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
-            if stage == if policy::is_stateful(role) { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
+            if stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
                 trial.judge = start_judge(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
             }
         }
@@ -282,7 +281,7 @@ impl Supervisor {
     /// What the readers of the newcomer's output say of it.
     pub(super) fn heed_newcomer(&mut self, charge: &Charge, is_grave: bool, now_ns: u64) {
         // Who is not ready yet answers nobody; of those with a state the elders judge whether they are in time.
-        let counts = |trial: &&Trial| trial.stage == Stage::Trial && !policy::is_stateful(trial.role);
+        let counts = |trial: &&Trial| trial.stage == Stage::Trial && !trial.role.is_stateful();
         let trial_ns = self.trial.as_ref().filter(counts).map_or(u64::MAX, |trial| trial.since_ns);
         let late = charge.is(Distrust::Missing)
             && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
@@ -310,7 +309,7 @@ impl Supervisor {
         self.note_touch(now_ns);
         self.note_effort(now_ns);
         // Of those with a state the elders judge whether they are in time.
-        if stage == Stage::Trial && !policy::is_stateful(role) {
+        if stage == Stage::Trial && !role.is_stateful() {
             self.look_at_rate(now_ns);
         }
     }
@@ -335,7 +334,7 @@ impl Supervisor {
         let (now_ns, stage, since_ns) = (system::now_ns(), trial.stage, trial.since_ns);
         trial.compared.0 = seen.compared;
         let is_long = now_ns - since_ns >= SHADOW_NS;
-        let is_proof = stage == Stage::Trial && policy::is_stateful(trial.role);
+        let is_proof = stage == Stage::Trial && trial.role.is_stateful();
         let least = if is_proof { LEAST_PROVEN } else { LEAST_COMPARED };
         let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= least;
         if seen.outside >= MOST_OUTSIDE {

@@ -42,7 +42,7 @@ impl Felt {
     /// What a servo said.
     fn hear(&mut self, incarnation: u32, said: &ForceRecord) {
         self.said_n.insert((said.tick, incarnation), said.force_n);
-        while self.said_n.first_key_value().is_some_and(|((tick, _), _)| tick + KEPT_TICKS < said.tick) {
+        while self.said_n.first_key_value().is_some_and(|((tick, _), _)| tick.saturating_add(KEPT_TICKS) < said.tick) {
             self.said_n.pop_first();
         }
     }

@@ -87,7 +87,7 @@ impl Pairs {
         let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
         self.follow(&header, guest);
         self.note_steps(&header, guest);
-        if self.leapt.is_some_and(|leapt| header.tick < leapt + FORGET_TICKS) {
+        if self.leapt.is_some_and(|leapt| header.tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
         let every = if header.step_ticks <= SHORT_STEP_TICKS { EVERY } else { 1 };
@@ -138,12 +138,12 @@ impl Pairs {
             (is_guest, false) => {
                 let (epoch, tick) = self.role;
                 self.role = (epoch, tick).max((header.epoch, header.tick));
-                is_guest && epoch != 0 && header.epoch > epoch && header.tick > tick + step
+                is_guest && epoch != 0 && header.epoch > epoch && header.tick > tick.saturating_add(step)
             }
             (false, true) => {
                 let tick = self.line;
                 self.line = tick.max(header.tick);
-                tick != 0 && header.tick > tick + LOST * step
+                tick != 0 && header.tick > tick.saturating_add(LOST * step)
             }
             _ => false,
         };
@@ -155,7 +155,7 @@ impl Pairs {
 
     /// Takes a contact model that was just read from the page of one side; compares as for states. Not each of them is seen: a page has the newest.
     fn take_model(&mut self, model: ContactModel, guest: u32) {
-        if self.leapt.is_some_and(|leapt| model.state_tick < leapt + FORGET_TICKS) {
+        if self.leapt.is_some_and(|leapt| model.state_tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
         let pair = self.models.entry(model.state_tick).or_default();

@@ -90,19 +90,15 @@ impl Record {
 
 /// The role that a name means, if its engines can be swapped; else what is wrong.
 pub fn role_of(name: &str) -> Result<Role, String> {
-    let names = || Role::ALL.into_iter().filter(|role| is_engine(*role)).map(Role::name).collect::<Vec<_>>().join(", ");
+    let names = || Role::ALL.into_iter().filter(|role| role.is_engine()).map(Role::name).collect::<Vec<_>>().join(", ");
     match Role::from_name(name) {
-        Some(role) if is_engine(role) => Ok(role),
+        Some(role) if role.is_engine() => Ok(role),
         Some(Role::Hardware) => {
             Err("hardware stands for the device on the desk, which keeps the ledger: it is no engine, and is not swapped".into())
         }
         Some(role) => Err(format!("{} is no engine; the engines are: {}", role.name(), names())),
         None => Err(format!("{name:?} is no role; the engines are: {}", names())),
     }
-}
-
-fn is_engine(role: Role) -> bool {
-    !matches!(role, Role::Hardware | Role::Supervisor | Role::Guardian)
 }
 
 /// The slot in which a swap of a role begins: the guest's, or that of the servo which the device does not follow, or the first.

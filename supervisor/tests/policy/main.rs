@@ -7,8 +7,7 @@ mod swaps;
 use hyst_messages::{Role, Slot};
 use hystation::campaign::draw::Draw;
 use hystation::policy::{
-    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, Ladder, MOST_DOOMED, Record, State, TRY_AGAIN_NS, is_replicated, is_stateful,
-    limits, sources, step,
+    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, Ladder, MOST_DOOMED, Record, State, TRY_AGAIN_NS, limits, sources, step,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,7 +29,7 @@ fn stations() -> [Vec<Slot>; 2] {
 
 /// The slot of a newcomer on trial: of the role with a state that there is.
 fn guest(slots: &[Slot]) -> Slot {
-    let role = slots.iter().map(|slot| slot.role()).find(|role| is_stateful(*role)).expect("a role with a state");
+    let role = slots.iter().map(|slot| slot.role()).find(|role| role.is_stateful()).expect("a role with a state");
     Slot::guest(role).expect("its guest's slot")
 }
 
@@ -109,7 +108,7 @@ impl World {
             other.role() == slot.role() && *other != slot && works
         };
         let alone = !self.alive.iter().any(stays);
-        assert!(self.hangs || is_late || !is_replicated(slot.role()) || !alone, "{slot} is replaced while nobody else can work");
+        assert!(self.hangs || is_late || !slot.role().is_replicated() || !alone, "{slot} is replaced while nobody else can work");
     }
 
     fn check(&mut self, action: Action) {
@@ -158,7 +157,7 @@ impl World {
             }
             Action::GoBack { role, ground } => {
                 let tried = matches!(ground, Ground::Again(_));
-                assert!(is_stateful(role) && self.held.contains(&role) == tried, "{role:?}: {ground:?}, held {:?}", self.held);
+                assert!(role.is_stateful() && self.held.contains(&role) == tried, "{role:?}: {ground:?}, held {:?}", self.held);
                 self.held.retain(|held| *held != role);
                 self.ground.remove(&role);
                 if let Ground::Before(time_ns) | Ground::Hold(time_ns) | Ground::Again(time_ns) = ground {
@@ -177,7 +176,7 @@ impl World {
                 let sibling =
                     |(other, (_, ready)): (&Slot, &(u32, bool))| other.role() == slot.role() && *other != slot && *ready;
                 let alone = !self.alive.iter().any(sibling);
-                assert!(!is_replicated(slot.role()) || !alone, "{slot}, the last of its role, is given up");
+                assert!(!slot.role().is_replicated() || !alone, "{slot}, the last of its role, is given up");
                 self.given_up.push(slot);
             }
         }
@@ -278,7 +277,7 @@ impl World {
                 let beat_ns = self.now_ns - dice.below(4_000_000_000);
                 self.event(state, Event::HeartbeatLate { slot, incarnation, beat_ns });
             }
-            (8, Some((incarnation, true))) if is_stateful(slot.role()) => {
+            (8, Some((incarnation, true))) if slot.role().is_stateful() => {
                 self.holder.insert(slot.role(), incarnation);
                 self.event(state, Event::Holds { role: slot.role(), incarnation });
             }
@@ -324,7 +323,7 @@ impl World {
         given_up.sort();
         assert_eq!(given_up, self.given_up);
         assert_eq!(state.held().collect::<Vec<_>>(), self.held);
-        for role in slots.iter().map(|slot| slot.role()).filter(|role| is_replicated(*role)) {
+        for role in slots.iter().map(|slot| slot.role()).filter(|role| role.is_replicated()) {
             let all_gone = slots.iter().filter(|slot| slot.role() == role).all(|slot| self.given_up.contains(slot));
             assert!(!all_gone, "{role:?} has nobody left");
         }

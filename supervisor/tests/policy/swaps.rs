@@ -5,7 +5,7 @@ use hyst_messages::Slot;
 use hyst_messages::page::Stage;
 use hystation::policy::{
     ARRIVE_WITHIN_NS, Action, Cause, Event, Exit, GIVE_BACK_WITHIN_NS, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, Reason, State,
-    TOUCH_WITHIN_NS, is_replicated, probation_ns,
+    TOUCH_WITHIN_NS, probation_ns,
 };
 
 /// What was seen of the swap that is under way.
@@ -27,7 +27,7 @@ impl World {
         match *action {
             Action::Dismiss { slot, incarnation } => {
                 let ready = |(other, (_, ready)): (&Slot, &(u32, bool))| other.role() == slot.role() && *other != slot && *ready;
-                let covered = self.alive.iter().any(ready) || !is_replicated(slot.role());
+                let covered = self.alive.iter().any(ready) || !slot.role().is_replicated();
                 let patient = seen.retreat_ns.is_some_and(|since_ns| self.now_ns - since_ns < LEAVE_WITHIN_NS);
                 let works = self.alive.get(&slot).is_some_and(|(_, ready)| *ready)
                     && (!slot.is_guest() || self.holder.get(&slot.role()) == Some(&incarnation));
@@ -52,7 +52,7 @@ impl World {
             Action::Adopt { role } => {
                 let trial_ns = seen.trial_ns.expect("adopted without a trial");
                 assert!(self.now_ns - trial_ns >= probation_ns(role), "adopted before the end of the probation");
-                assert!(seen.agreed || !is_replicated(role), "adopted without having agreed");
+                assert!(seen.agreed || !role.is_replicated(), "adopted without having agreed");
                 assert!(seen.retreat_ns.is_none() && !seen.adopted, "adopted twice, or in the retreat");
                 (seen.adopted, seen.adopted_ns) = (true, self.now_ns);
             }

@@ -279,9 +279,11 @@ fn pump_and_cavity_are_those_of_the_scene() {
     let model = model_of(&scene, cells).unwrap().pump;
     assert_eq!(model, own, "the default scene says nothing of it");
     scene.fluid.pump = hyst_scene::Pump { max_flow_ml_min: 300.0, leak_ml_s_pa: 1e-4, suction_pa: 2e4, ..scene.fluid.pump };
+    scene.fluid.deficit_alarm_ml = Some(1_500.0);
     scene.fluid.cavity = hyst_scene::CavityCurve { volume_ml: 3.0, ..scene.fluid.cavity };
     let model = model_of(&scene, cells).unwrap().pump;
     let set = hyst_flow::PumpModel { max_flow_ml_s: 5.0, leak_ml_s_pa: 1e-4, suction_pa: 2e4, volume_150_mmhg_ml: 3.0, ..own };
+    let set = hyst_flow::PumpModel { deficit_alarm_ml: Some(1_500.0), ..set };
     assert_eq!(model, set);
     // A smaller cavity is at a higher pressure with as much in it, and 150 mmHg with 3 ml.
     assert!(

@@ -31,7 +31,7 @@ struct Object {
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
     extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
-    shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0
+    shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0, 1 if it is a myoma
     spots: array<vec4<f32>, 64>, // blanched by coagulation: rest position m, radius m, 0 behind the last
 };
 @group(0) @binding(0) var<uniform> g: Globals;
@@ -158,16 +158,53 @@ fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
     return found;
 }
 
-// How much of a point contact coagulation has blanched: round spots with ragged edges.
+// How much of a point contact coagulation has cooked: spots whose ragged edges fade.
 fn blanched(rest: vec3<f32>, ragged: f32) -> f32 {
     var found = 0.0;
     for (var k = 0; k < 64; k++) {
         let mark = o.spots[k];
         if mark.w <= 0.0 { break; }
         let d = distance(rest, mark.xyz) / mark.w * (1.0 + 0.3 * ragged);
-        found = max(found, 1.0 - smoothstep(0.55, 1.1, d));
+        found = max(found, 1.0 - smoothstep(0.20, 1.15, d));
     }
     return found;
+}
+
+// Where the wire has laid tissue open: what colour that adds, how much of the skin's is left, and how its strands tilt it.
+struct Wound { colour: vec3<f32>, skin: f32, slope: vec3<f32> };
+// Strands in a metre of the rest position along each axis, one in 0.96 mm, and those that lie across them: in the wall they run in bundles that cross.
+const BUNDLES: vec3<f32> = vec3<f32>(890.0, 310.0, 430.0);
+const ACROSS_THEM: vec3<f32> = vec3<f32>(-370.0, 410.0, 870.0);
+const WHORL: f32 = 4.2;         // strands of a myoma on the whole of a noise, whose contours are closed curves: they whorl about its nodules
+const FIBRES: f32 = 4.3;        // fibres in a strand
+const FIBRES_SEEN_M: vec2<f32> = vec2<f32>(5.0e-5, 1.4e-4); // pixels so fine show each of them, pixels so coarse none
+const TILT: f32 = 3.2e-3;       // how much a strand tilts what is laid open, for each of it in a metre
+fn wave(at: f32) -> f32 {
+    let near = 2.0 * abs(fract(at) - 0.5);
+    return near * near * (3.0 - 2.0 * near);
+}
+// `cut` is 1 on a wound and falls to 0 within the edge of a triangle about it; `a`, `fine` and `height` are of the noise there.
+fn wound(rest: vec3<f32>, cut: f32, a: vec4<f32>, fine: vec4<f32>, height: f32, grain: f32) -> Wound {
+    let myoma = o.shape.w;
+    let run = select(BUNDLES, ACROSS_THEM, a.w + 0.30 * fine.w + 0.20 > 0.0) * (1.0 - myoma);
+    let at = dot(rest, run) + 0.57 * a.x + 0.25 * a.z + (0.13 + 0.12 * myoma) * fine.w + WHORL * myoma * a.y;
+    let seen = 0.35 * (1.0 - smoothstep(FIBRES_SEEN_M.x, FIBRES_SEEN_M.y, grain));
+    let strand = mix(wave(at), wave(FIBRES * at + 0.32 * fine.x), seen);
+    // paler in a myoma, with a blush of blood, a film of coagulum and the stumps of vessels that ooze
+    let furrow = mix(vec3<f32>(0.54, 0.19, 0.15), vec3<f32>(0.68, 0.43, 0.36), myoma);
+    let ridge = mix(vec3<f32>(0.80, 0.49, 0.42), vec3<f32>(0.86, 0.70, 0.62), myoma);
+    var flesh = mix(furrow, ridge, strand);
+    flesh = mix(flesh, vec3<f32>(0.58, 0.15, 0.125), (0.50 + 0.25 * o.extra.x - 0.55 * myoma) * smoothstep(-0.20, 0.70, a.z));
+    flesh = mix(flesh, vec3<f32>(0.72, 0.53, 0.37), (0.35 - 0.20 * o.extra.x) * smoothstep(0.10, 0.60, height));
+    flesh = mix(flesh, vec3<f32>(0.44, 0.04, 0.04), (0.65 - 0.35 * myoma) * smoothstep(0.40, 0.85, fine.z));
+    // Where the wound begins the wire has blanched the lining and scorched its edge; noise frays that, which lies along the mesh.
+    let raw = smoothstep(0.30, 0.70, cut + 0.22 * fine.w);
+    let heated = 0.30 * smoothstep(0.02, 0.30, cut * (1.0 + 0.5 * fine.w)) * (1.0 - smoothstep(0.62, 0.98, cut + 0.12 * fine.x));
+    let seam = 4.0 * raw * (1.0 - raw);
+    let charred = 0.80 * seam * seam * smoothstep(-0.30, 0.30, a.z + 0.5 * fine.z + 0.25);
+    let colour = mix(mix(flesh * raw, vec3<f32>(0.82, 0.57, 0.46), heated), vec3<f32>(0.21, 0.12, 0.075), charred);
+    let aside = fract(at) - 0.5;
+    return Wound(colour, (1.0 - raw) * (1.0 - heated) * (1.0 - charred), run * (TILT * cut * aside * (1.0 - 2.0 * abs(aside))));
 }
 
 // How much a wet film in saline mirrors (refractive indices 1.40 and 1.33, Fresnel): of what falls squarely upon it hardly anything, and of what grazes it
@@ -187,7 +224,8 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let fine = textureSampleLevel(noise, tiled, warped * 6.5, max(level_fine, 0.0));
     let b1 = textureSampleLevel(bump, tiled, warped, max(level, 0.0));
     let b2 = textureSampleLevel(bump, tiled, warped * 3.7, max(level + 1.9, 0.0));
-    let slope = b1.xyz * 0.34 + b2.xyz * 0.26;
+    let laid_open = wound(in.rest, in.raw, a, fine, b1.w, grain);
+    let slope = b1.xyz * 0.34 + b2.xyz * 0.26 + laid_open.slope;
     var uneven = o.surface.w;
     if NO_BUMP { uneven = 0.0; }
     var n = normalize(n0 - (slope - n0 * dot(slope, n0)) * uneven);
@@ -202,32 +240,25 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // What is a line near by is a share of each pixel far off: the mean of a field is no vessel, though it is as near to zero.
     let blurred = smoothstep(0.8, 3.0, level);
     let blurred_fine = smoothstep(0.8, 3.0, level_fine);
-    let trunk = mix(1.0 - smoothstep(0.006, 0.030 + 0.03 * max(fine.z, 0.0), abs(a.x)), 0.06, blurred);
+    let arcade = min(abs(a.x), mix(1.0, 1.6 * abs(a.z + 0.1), o.shape.w));
+    let trunk = mix(1.0 - smoothstep(0.006, 0.030 + (0.03 + 0.03 * o.shape.w) * max(fine.z + 0.3 * o.shape.w, 0.0), arcade), 0.06, blurred);
     let net = mix(1.0 - smoothstep(0.01, 0.13, abs(fine.y)), 0.20, blurred_fine);
     var vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
     if NO_VESSELS { vessel = 0.0; }
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
-    let mouth = smoothstep(0.46, 0.80, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
+    let mouth = smoothstep(0.58, 0.84, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
     albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.35 * tube.rim * (1.0 - in.raw));
     albedo = mix(albedo, vec3<f32>(0.06, 0.008, 0.008), 0.94 * tube.pit * (1.0 - in.raw));
-    // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
-    let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
-    var flesh = mix(vec3<f32>(0.74, 0.40, 0.33), vec3<f32>(0.86, 0.62, 0.53), strand * strand);
-    flesh = mix(flesh, vec3<f32>(0.82, 0.58, 0.46), 0.30 * smoothstep(0.0, 0.45, b1.w));
-    flesh = mix(flesh, vec3<f32>(0.46, 0.04, 0.04), 0.7 * smoothstep(0.24, 0.44, fine.z));
-    // where the wound begins the wire has scorched the lining; noise frays the edge, which lies along the mesh
-    let raw = smoothstep(0.30, 0.70, in.raw + 0.22 * fine.w);
-    albedo = mix(albedo, flesh, raw);
-    let seam = 4.0 * raw * (1.0 - raw);
-    albedo = mix(albedo, vec3<f32>(0.26, 0.16, 0.10), 0.8 * seam * seam * seam);
+    albedo = albedo * laid_open.skin + laid_open.colour;
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
-    // contact coagulation: the protein turns white, and tan in the middle, where it was hottest
-    let white = blanched(in.rest, fine.w);
-    let cooked = mix(vec3<f32>(0.86, 0.78, 0.66), vec3<f32>(0.42, 0.28, 0.16), 0.35 * smoothstep(0.6, 1.0, white));
-    albedo = mix(albedo, cooked * (1.0 + 0.10 * b1.w), 0.92 * white);
+    // contact coagulation: the lining blanches, within that the protein turns white, and in the middle, where it was hottest, there are crumbs of char
+    let white = blanched(in.rest, fine.w + 0.9 * b1.w);
+    albedo = mix(albedo, vec3<f32>(0.85, 0.58, 0.49), 0.80 * smoothstep(0.0, 0.50, white));
+    albedo = mix(albedo, vec3<f32>(0.86, 0.74, 0.62) * (1.0 + 0.10 * b1.w), 0.92 * smoothstep(0.35, 0.75, white));
+    albedo = mix(albedo, vec3<f32>(0.28, 0.18, 0.115), 0.75 * smoothstep(0.72, 1.0, white) * smoothstep(-0.15, 0.25, fine.z));
 
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
@@ -262,6 +293,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
 
 // Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors. With current in it a wire glows
 // in the orange of sodium, as it does in saline.
+const CRUST_PER_M: f32 = 300.0; // tiles of the noise in a metre: clumps of 0.3 to 0.7 mm
 fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
     let r = reflect(-v, n);
     let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
@@ -273,7 +305,12 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let lit = min(e, 1.5);
     let facing = max(dot(n, l), 0.0);
     let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
-    return steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
+    // what burns on a wire that has cut: clumps of brown and black that shine no more
+    let crust = textureSampleLevel(noise, tiled, in.rest * CRUST_PER_M, 0.0);
+    let crusted = smoothstep(0.0, 0.30, 0.5 + 0.5 * crust.w - (1.0 - 0.9 * o.extra.y));
+    let burnt = mix(vec3<f32>(0.035, 0.022, 0.016), vec3<f32>(0.26, 0.155, 0.085), smoothstep(-0.2, 0.7, crust.y));
+    // Where there are none the current finds its way.
+    return mix(steel, burnt * ((0.25 + 0.75 * facing) * lit), crusted) + vec3<f32>(1.8, 0.62, 0.10) * (o.extra.z * (1.0 - 0.65 * crusted));
 }
 
 // A bubble of gas in saline: its colour, and how much of what lies behind it that covers. Its middle is clear. Farther out what is behind is seen bent aside,
@@ -286,6 +323,12 @@ const GAS_DARK: f32 = 0.7;                                    // share of the li
 const GAS_EDGE: f32 = 0.93;                                   // from here to the edge it fades, or that would be drawn in steps
 const GAS_GLINTS: vec2<f32> = vec2<f32>(0.35, 0.12);          // strength of the lamp's two images
 const GAS_SHARP: f32 = 220.0;                                 // their sharpness, as a lobe's power
+// Which way the skin of a ball of radius 1 looks where a ray towards `v` leaves it that goes through a place of the facets about it; beside the ball square to
+// the ray, where nothing is drawn.
+fn of_ball(place: vec3<f32>, v: vec3<f32>) -> vec3<f32> {
+    let aside = place - v * dot(place, v);
+    return normalize(aside + v * sqrt(max(1.0 - dot(aside, aside), 0.0)));
+}
 fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f32> {
     let facing = max(dot(n, v), 1.0e-3);
     let off = sqrt(max(1.0 - facing * facing, 0.0));
@@ -362,7 +405,7 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
     let to_eye = g.eye.xyz - in.world;
     let v = normalize(to_eye);
     var n = normalize(in.normal);
-    if GAS { n = normalize(in.rest); }
+    if GAS { n = of_ball(in.rest, v); }
     if dot(n, v) < 0.0 && !(cut && !METAL && !GAS) { n = -n; }
     let to_light = g.light.xyz - in.world;
     let distance = length(to_light);

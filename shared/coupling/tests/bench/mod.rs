@@ -123,7 +123,7 @@ impl Bench {
                 outputs[replica] = Some(output.force_n);
             }
         }
-        let choice = choose(self.hop.applied_n, outputs[0], outputs[1], 0, self.hop_params.slew_n());
+        let choice = choose(self.hop.applied_n, outputs[0], outputs[1], 0);
         let (energy, share) = energy_step(&EnergyParams::default(), &self.energy, self.hand.tip_m, self.hop.applied_n, DT_S);
         (self.energy, self.least_share) = (energy, self.least_share.min(share));
         let share = if self.is_heeded { share } else { 1.0 };

@@ -71,6 +71,9 @@ pub trait Stateful {
     fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {
         true
     }
+    /// In lock-step, of a spare, once in each of its ticks: takes what the holder's step has read, all of which was sent before. Whoever takes the role goes on
+    /// from what he has read last where the newest of it cannot be used.
+    fn look(&mut self) {}
     /// Whether what its steps read of others has come, as far as those live: a newborn is not warm before, or its first steps were those of an engine that
     /// is alone. It does not wait longer than [`CONNECTED_NS`](super::CONNECTED_NS).
     fn is_connected(&mut self) -> bool {

@@ -56,6 +56,10 @@ impl<S: Stateful> Loop<'_, S> {
     /// Returns when the state of `tick` is there, whoever made it.
     fn tick_in_lockstep(&mut self, tick: u64) -> Result<(), Failure> {
         let deadline_ns = system::now_ns() + PATIENCE_NS;
+        if self.roster.holder(self.role).incarnation != self.me() {
+            self.receive_ports();
+            self.engine.look();
+        }
         loop {
             self.helpers.look(self.life);
             self.receive_ports();
@@ -70,7 +74,7 @@ impl<S: Stateful> Loop<'_, S> {
                 // The supervisor mends it; a stop ends the wait.
             } else if holder.incarnation == self.me() {
                 // The recording of a replay may say that ticks were lost.
-                let follows = self.life.is_replay() || newest_tick + self.engine.step_ticks() >= tick;
+                let follows = self.life.is_replay() || follows([newest_tick, self.made_tick], self.engine.step_ticks(), tick);
                 let is_supplied = follows && self.engine.is_supplied(newest_tick, tick);
                 if late && !is_supplied {
                     let within_s = PATIENCE_NS / 1_000_000_000;
@@ -88,5 +92,23 @@ impl<S: Stateful> Loop<'_, S> {
             self.life.heartbeat();
             system::sleep_ns(EAGER_NS);
         }
+    }
+}
+
+/// Whether the state before that of `tick` has come, from the ticks of the newest one and of the newest that this process has made itself. Of that one none
+/// other comes: where it was refused, because it is none to go on from, the step is made from the one before, as in real time.
+fn follows([newest_tick, made_tick]: [u64; 2], step_ticks: u64, tick: u64) -> bool {
+    newest_tick.max(made_tick) + step_ticks >= tick
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_holder_waits_for_the_state_before_and_not_for_one_of_its_own_that_it_has_refused() {
+        assert!(follows([99, 0], 1, 100) && follows([66, 66], 33, 99), "it is there");
+        assert!(!follows([98, 0], 1, 100) && !follows([98, 98], 1, 100), "another has made it, and it is on its way");
+        assert!(follows([98, 99], 1, 100) && follows([33, 66], 33, 99), "it was its own");
     }
 }

@@ -4,13 +4,11 @@
 use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Survey, Warning};
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{DeformableKind, View};
-use crate::fluid::Medium;
+use crate::fluid::{Medium, PA_PER_MMHG};
 use crate::loaded::{LoadedDeformable, LoadedScene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Pascal per millimetre of mercury, for words.
-const PA_PER_MMHG: f64 = 133.322;
 /// Highest pressure where a case says nothing, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).
 pub(crate) const MAX_PRESSURE_PA: f64 = 13_332.2;
 /// Pathology counts as in view from no farther than this, m: what rigid optics are designed for, as of a landmark where a case says nothing.

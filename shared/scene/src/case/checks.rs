@@ -5,7 +5,7 @@ use super::file::{Alarm, Case, Goal, Held, Place, Rules, Score, Stop, Survey, Va
 use super::metrics::METRIC_KEYS;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Hand;
-use crate::validate::{Checked, one_of, range};
+use crate::validate::{Checked, coordinate, one_of, range};
 use std::collections::BTreeMap;
 
 /// Most entries of each list: each is looked at in every tick of a session.
@@ -152,8 +152,8 @@ fn place(case: &Case, place: &Place, index: usize) -> Checked {
             None => {}
         }
     }
-    for coordinate in place.centre_m.into_iter().flatten() {
-        range(format!("{key}.centre_m"), coordinate, -10.0, 10.0, "m")?;
+    for centre_m in place.centre_m.into_iter().flatten() {
+        coordinate(format!("{key}.centre_m"), centre_m)?;
     }
     place.insertion_m.map_or(Ok(()), |limits| ordered(&format!("{key}.insertion_m"), limits, [0.0, 0.5], "m"))
 }

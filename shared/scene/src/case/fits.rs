@@ -7,12 +7,13 @@ use super::reach::{is_visited, reachable};
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
+use crate::fluid::PA_PER_MMHG;
 use crate::loaded::LoadedScene;
 use crate::mirror;
 use crate::validate::{Checked, hand, range, validate};
 
 /// The least that the pump is set to, Pa: 15 mmHg (WOM's manual, as the hand's controls have it).
-const LEAST_SET_PA: f64 = 15.0 * 133.322;
+const LEAST_SET_PA: f64 = 15.0 * PA_PER_MMHG;
 
 /// What the case and its scene show together.
 pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {

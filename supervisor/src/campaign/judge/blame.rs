@@ -4,15 +4,10 @@ use crate::campaign::cell::{Cell, May};
 use crate::campaign::file::Campaign;
 use crate::campaign::outcome::{Counters, Outcome};
 use crate::campaign::station::StationOutcome;
-use crate::fault::Fault;
+use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::Keepers;
+use hyst_recording::sequence::RING_TICKS;
 use std::collections::BTreeMap;
-
-/// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.
-const RING_TICKS: u64 = 4_096;
-
-/// The kind of a fault that nobody injected.
-const EXTERNAL: &str = "external";
 
 /// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
 const STATE_TICKS: u64 = 100;
@@ -57,10 +52,11 @@ impl<'a> Blame<'a> {
                 }
             }
             for (first, last) in &station.lost {
-                let lost = last.saturating_sub(*first) + 1;
+                let lost = last.saturating_sub(*first).saturating_add(1); // whatever a damaged recording says
+                // So long after a fault the recorder may still lose what lay in the device's ring.
                 match suspect(&here, *first, *last, RING_TICKS) {
-                    Some(outcome) => *blame.lost.entry(outcome.index).or_default() += lost,
-                    None if is_judged => blame.lost_elsewhere += lost,
+                    Some(outcome) => add(blame.lost.entry(outcome.index).or_default(), lost),
+                    None if is_judged => add(&mut blame.lost_elsewhere, lost),
                     None => {}
                 }
             }
@@ -74,7 +70,8 @@ impl<'a> Blame<'a> {
             }
             blame.broken.extend(station.broken(last.is_some_and(|outcome| may(outcome, May::StationEnds))));
             for (tick, jump_ml) in &station.deficit_jumps {
-                let suspects = [0, STATE_TICKS].map(|late| suspect(&here, tick + late, tick + late, RING_TICKS));
+                let suspects =
+                    [0, STATE_TICKS].map(|late| tick.saturating_add(late)).map(|tick| suspect(&here, tick, tick, RING_TICKS));
                 let is_why = |outcome: &&Outcome| may(outcome, May::BeginAnew) && blame.sequel(outcome).began_anew();
                 if suspects.iter().flatten().any(is_why) {
                     continue;
@@ -207,11 +204,15 @@ impl<'a> Sequel<'a> {
     }
 }
 
+fn add(sum: &mut u64, ticks: u64) {
+    *sum = sum.saturating_add(ticks);
+}
+
 /// The last fault in whose window, and the ticks after it, these ticks lie.
 fn suspect<'a>(here: &[&'a Outcome], first: u64, last: u64, after_ticks: u64) -> Option<&'a Outcome> {
     let overlaps = |outcome: &&&'a Outcome| {
         let window = outcome.fault.as_ref().and_then(|fault| fault.window);
-        let to_tick = window.map_or(outcome.tick, |window| window.to_tick.max(outcome.tick)) + after_ticks;
+        let to_tick = window.map_or(outcome.tick, |window| window.to_tick.max(outcome.tick)).saturating_add(after_ticks);
         last >= outcome.tick && first < to_tick
     };
     here.iter().filter(overlaps).max_by_key(|outcome| outcome.tick).copied()

@@ -9,6 +9,7 @@ use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
 use crate::fault::compare::excess;
 use crate::faultfile::FaultKind;
+use hyst_messages::Role;
 
 /// Looks of 5 ms in which the tool must have touched something while an output was frozen, before it was another one than the true one: less than that
 /// may lie at the end of the lie, where nobody has had time.
@@ -69,7 +70,7 @@ impl Figures {
         }
         let own = fault.dead.then_some(fault.target.as_str());
         for target in own.into_iter().chain(sequel.others().map(|other| other.target.as_str())) {
-            let role = target.split(':').next().unwrap_or(target);
+            let role = Role::name_in(target);
             *self.died.entry(role.into()).or_default() += 1;
         }
         was_noticed

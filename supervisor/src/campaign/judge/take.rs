@@ -55,7 +55,7 @@ impl Figures {
         if let Some(end) = blame.ended(index) {
             saw("station ended", May::StationEnds, end.into());
         }
-        self.data_lost_ticks += blame.lost_ticks(index);
+        self.data_lost_ticks = self.data_lost_ticks.saturating_add(blame.lost_ticks(index));
         self.leftovers += blame.leftovers(index);
         self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
     }

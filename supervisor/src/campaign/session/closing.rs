@@ -7,6 +7,7 @@ use crate::control::NoAnswer;
 use crate::fault::Fault;
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use hyst_exchange::system;
+use hyst_messages::Role;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -155,9 +156,8 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
     if let Some(keepers) = Keepers::parse(&injection.target) {
         return keepers::is_of(fault, keepers, asked.sent_ns);
     }
-    let role = |name: &str| name.split(':').next().map(str::to_string);
-    fault.kind == injection.kind.name()
-        && role(&fault.target) == role(&injection.target)
+    fault.is(injection.kind)
+        && Role::name_in(&fault.target) == Role::name_in(&injection.target)
         && (asked.sent_ns..=asked.by_ns).contains(&fault.injected_ns)
 }
 

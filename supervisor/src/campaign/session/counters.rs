@@ -29,7 +29,7 @@ impl Session {
         }
         // The last one is a guest's, who has the role in the midst of a swap.
         for index in 0..Role::Tissue.slots().1.max(Role::Fluid.slots().1) {
-            for role in [Role::Tissue, Role::Fluid] {
+            for role in Role::STATEFUL {
                 let founded = Slot::new(role, index)
                     .and_then(|slot| viewer.slot_page(slot))
                     .map_or(0, |page| page.load64(header::FOUNDED_TICK));

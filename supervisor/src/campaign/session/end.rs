@@ -31,7 +31,7 @@ impl Session {
         let exit_code = self.ask_to_stop();
         let left = count_left(&self.station);
         if left > 0 {
-            end_all(&self.station);
+            remains::end_all(&self.station);
         }
         Ended { exit_code, leftovers: if exit_code.is_some() { left } else { count_left(&self.station) } }
     }
@@ -70,17 +70,6 @@ fn count_left(station: &Station) -> u64 {
     (remains::living(station).len() + station.leftovers().len()) as u64
 }
 
-/// Ends everyone of a station, its guardian too, and removes what they leave.
-fn end_all(station: &Station) {
-    remains::kill_all(station, || {});
-    if let Some(stand_in) = remains::guardian(station) {
-        proc::signal(stand_in.pid, Signal::KILL); // the supervisor had time to start one
-        remains::wait_until_dead(&stand_in);
-        remains::kill_all(station, || {});
-    }
-    station.wipe();
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,7 +87,7 @@ mod tests {
             system::sleep_ns(LOOK_NS); // until it is what it was started as
         }
         let waits = std::thread::spawn(move || orphan.wait().unwrap().code());
-        end_all(&station);
+        remains::end_all(&station);
         assert_eq!((count_left(&station), waits.join().unwrap()), (0, None));
     }
 }

@@ -2,18 +2,17 @@
 //! it, measures one window, and stops it.
 
 use super::probe::{self, Window};
+use super::program::{self, Place, Said};
 use super::{beside, not_started};
 use crate::plan;
 use crate::proc;
-use crate::remains;
 use crate::settings::Refusal;
 use crate::view::Viewer;
 use hyst_engine::Settings;
-use hyst_exchange::{Station, system};
+use hyst_exchange::system;
 use hyst_messages::page::{header, rendering};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -103,8 +102,7 @@ impl Arm {
     /// One round.
     pub fn run(&mut self, mesh: Option<&Path>) -> Result<(), Refusal> {
         let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
-        let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
-        let mut running = Running::start(station, self.command(&name, mesh)?)?;
+        let mut running = Running::start(Place::named(&name)?, self.command(&name, mesh)?)?;
         let window = running.measure(&self.slots(), self.window_ns).map(|mut window| {
             let draws = window.spells.get("rendering").is_some_and(|spell| spell.picture.is_some());
             window.pictures_back_s = (self.kills_rendering && draws).then(|| running.kill_rendering()).flatten();
@@ -155,15 +153,17 @@ impl Arm {
 
 /// A station that was started here; killed and removed when dropped.
 struct Running {
-    station: Station,
     child: Child,
+    said: Said,
+    place: Place,
 }
 
 impl Running {
-    fn start(station: Station, mut command: Command) -> Result<Running, Refusal> {
+    fn start(place: Place, mut command: Command) -> Result<Running, Refusal> {
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let child = command.spawn().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
-        Ok(Running { station, child })
+        let mut child = command.spawn().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
+        let said = Said::of(child.stderr.take());
+        Ok(Running { child, said, place })
     }
 
     fn has_ended(&mut self) -> Option<i32> {
@@ -179,7 +179,7 @@ impl Running {
                 return Err(failed("ended while it started"));
             }
             // Not founded yet is as good as not ready yet.
-            let viewer = Viewer::open(&self.station).ok();
+            let viewer = Viewer::open(&self.place.0).ok();
             let waits_for = match viewer {
                 None => "its founding".to_string(),
                 Some(mut viewer) => match unready(&mut viewer, slots) {
@@ -204,7 +204,7 @@ impl Running {
     /// Kills rendering, and waits for its successor's first picture; gives the time between, s, `None` if there is none in time.
     fn kill_rendering(&mut self) -> Option<f64> {
         let slot = Slot::first(Role::Rendering);
-        let mut viewer = Viewer::open(&self.station).ok()?;
+        let mut viewer = Viewer::open(&self.place.0).ok()?;
         let (killed, begun_ns) = (viewer.page().incarnation(slot), system::now_ns());
         proc::signal(viewer.page().pid(slot), Signal::KILL);
         while system::now_ns() < begun_ns + PICTURE_NS {
@@ -219,34 +219,18 @@ impl Running {
 
     /// Stops it as Ctrl-C does; gives its exit code and, if that is not 0, what it said.
     fn stop(mut self) -> (i32, String) {
-        proc::signal(self.child.id(), Signal::INT);
-        let end_ns = system::now_ns() + STOP_NS;
-        let code = loop {
-            match self.has_ended() {
-                Some(code) => break code,
-                None if system::now_ns() > end_ns => break 1,
-                None => system::sleep_ns(LOOK_NS),
-            }
-        };
-        let mut said = String::new();
-        if code != 0
-            && let Some(mut stderr) = self.child.stderr.take()
-        {
-            let _ = self.child.kill(); // if it has not ended, its last words are what can be read
-            let _ = stderr.read_to_string(&mut said);
+        if self.has_ended().is_none() {
+            proc::signal(self.child.id(), Signal::INT);
         }
+        let code = program::ends_within(&mut self.child, STOP_NS).map_or(1, |status| status.code().unwrap_or(1));
+        let said = if code == 0 { String::new() } else { self.said.text() };
         (code, said.trim().to_string())
     }
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        let _ = self.child.kill(); // it has ended by itself, or has to
-        let _ = self.child.wait();
-        if !self.station.leftovers().is_empty() {
-            remains::kill_all(&self.station, || {});
-            self.station.wipe();
-        }
+        program::end(&mut self.child); // before its place is cleared
     }
 }
 

@@ -4,6 +4,7 @@
 
 use super::arm::{Arm, Kind};
 use super::probe::Spell;
+use super::program::{self, Said};
 use super::targets::{Target, figures, median, ratios};
 use super::{Folder, beside, not_started};
 use crate::settings::Refusal;
@@ -27,19 +28,26 @@ pub fn flow(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     }
     let path = beside("fluid")?;
     let mut command = Command::new(&path);
-    command.args(["bench", "flow"]).args(json.then_some("--json")).stdin(Stdio::null()).stderr(Stdio::inherit());
-    let own = command.output().map_err(|e| not_started(&path, &e))?;
-    let code = own.status.code().unwrap_or(1);
+    command
+        .args(["bench", "flow"])
+        .args(json.then_some("--json"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::inherit());
+    let mut own = command.spawn().map_err(|e| not_started(&path, &e))?;
+    let said = Said::of(own.stdout.take());
+    let status = program::ends_within(&mut own, program::MOST_NS);
+    let status = status.ok_or_else(|| program::endless("bench flow: the Flow Engine's own benchmark", program::MOST_NS))?;
+    let (code, rows) = (status.code().unwrap_or(1), said.text());
     if code > 1 {
         return Ok(code.clamp(1, 255) as u8);
     }
     if !json {
-        print!("{}", String::from_utf8_lossy(&own.stdout));
+        print!("{rows}");
     }
     let (row, target) = beside_the_main_loop()?;
     if json {
-        let mut all: Value =
-            serde_json::from_slice(&own.stdout).map_err(|e| Refusal::failed(format!("fluid bench flow: {e}")))?;
+        let mut all: Value = serde_json::from_str(&rows).map_err(|e| Refusal::failed(format!("fluid bench flow: {e}")))?;
         if let Some(rows) = all["rows"].as_array_mut() {
             rows.extend([row, target.json()]);
         }

@@ -167,12 +167,8 @@ pub fn look(viewer: &mut Viewer) -> Look {
 
 /// `tissue:active` and `tissue:spare` for roles with a spare, else the slot's name.
 fn name_of(slot: Slot, active: bool) -> String {
-    match slot.role() {
-        Role::Haptic | Role::Tissue | Role::Fluid => {
-            format!("{}:{}", slot.role().name(), if active { "active" } else { "spare" })
-        }
-        _ => slot.to_string(),
-    }
+    let role = slot.role();
+    if role.is_replicated() { format!("{}:{}", role.name(), if active { "active" } else { "spare" }) } else { slot.to_string() }
 }
 
 fn difference(after: &[u64], before: &[u64]) -> Vec<u64> {

@@ -4,13 +4,14 @@
 //! `--pairs` takes more. The hour is the session of those turns, again and again, so that each tick is a real one.
 
 use super::arm::{Arm, Kind, WINDOW_NS};
+use super::program::{self, Place, Said};
 use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
 use crate::cli::WindowArgs;
 use crate::commands::report;
 use crate::settings::Refusal;
 use hyst_assessment::{Judge, judge_until};
-use hyst_exchange::{Station, machine, system};
+use hyst_exchange::{machine, system};
 use hyst_messages::Role;
 use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints, outline};
 use serde_json::{Value, json};
@@ -45,6 +46,8 @@ const SHOWN_S: f64 = 7.5;
 const LOOK_NS: u64 = 1_000_000;
 /// No start, with what is done again before, takes longer, s.
 const MOST_WAIT_S: f64 = 120.0;
+/// How long `hystation stop` may take, ns: twice what it waits for itself.
+const STOP_NS: u64 = 30_000_000_000;
 
 /// Measures, prints, and says whether every target is held.
 pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result<u8, Refusal> {
@@ -214,13 +217,17 @@ fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
 fn timed(command: &mut Command, codes: &[i32]) -> Result<f64, Refusal> {
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let begun = Instant::now();
-    let output = command.output().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
+    let mut child = command.spawn().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
+    let said = Said::of(child.stderr.take());
+    let status = program::ends_within(&mut child, program::MOST_NS);
     let time_s = begun.elapsed().as_secs_f64();
-    if output.status.code().is_none_or(|code| !codes.contains(&code)) {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(failed(&format!("{:?} gave {}: {}", command.get_args().next(), output.status, said.trim())));
+    let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy()).collect();
+    let what = format!("`hystation {}`", words.join(" "));
+    match status {
+        Some(status) if status.code().is_some_and(|code| codes.contains(&code)) => Ok(time_s),
+        Some(status) => Err(failed(&format!("{what} gave {status}: {}", said.text().trim()))),
+        None => Err(program::endless(&format!("bench recording: {what}"), program::MOST_NS)),
     }
-    Ok(time_s)
 }
 
 fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
@@ -274,6 +281,7 @@ fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusa
     let file = folder.file(AGAIN);
     let own = beside("hystation")?;
     let name = format!("bench-{}-a", std::process::id());
+    let _place = Place::named(&name)?; // cleared however this ends
     let mut record = Command::new(&own);
     record.args(["--name", &name, "run", "--headless", "--quiet", "--lockstep", "--for", &format!("{AGAIN_S}s")]).args(mesh);
     record.arg("--record").arg(&file);
@@ -283,28 +291,21 @@ fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusa
     let time_s = timed(&mut verify, &[0])?;
     let ratio = AGAIN_S as f64 / time_s;
     let row = json!({ "arm": "station", "name": "replay", "session_s": AGAIN_S, "time_s": time_s, "ratio": ratio });
-    Ok((
-        row,
-        Target::new(
-            "Recorded time over that of its replay, start and comparison included".into(),
-            Some(ratio),
-            LEAST_AGAIN,
-            true,
-        ),
-    ))
+    let name = "Recorded time over that of its replay, start and comparison included".into();
+    Ok((row, Target::new(name, Some(ratio), LEAST_AGAIN, true)))
 }
 
 /// What a trainer waits for who asks for a time in that session: from the command until its first tick is shown. Nothing judges it.
 fn shown(folder: &Folder) -> Result<Value, Refusal> {
     let name = format!("bench-{}-s", std::process::id());
-    let station = Station::named(&name).map_err(|e| failed(&e))?;
+    let place = Place::named(&name)?;
     let own = beside("hystation")?;
     let mut replay = Command::new(&own);
     replay.args(["--name", &name, "replay", "--headless", "--set", "console_port=0", "--from", &format!("{SHOWN_S}s")]);
     replay.arg(folder.file(AGAIN)).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let begun = Instant::now();
     let mut child = replay.spawn().map_err(|e| not_started(&own, &e))?;
-    let has_come = || station.open().is_ok_and(|page| page.is_lockstep() && page.present_tick() as f64 >= SHOWN_S * 1e3);
+    let has_come = || place.0.open().is_ok_and(|page| page.is_lockstep() && page.present_tick() as f64 >= SHOWN_S * 1e3);
     let time_s = loop {
         let time_s = begun.elapsed().as_secs_f64();
         if has_come() {
@@ -315,10 +316,11 @@ fn shown(folder: &Folder) -> Result<Value, Refusal> {
         }
         system::sleep_ns(LOOK_NS);
     };
-    let mut stop = Command::new(&own);
-    let _ = stop.args(["--name", &name, "stop"]).stdout(Stdio::null()).stderr(Stdio::null()).status(); // it may have ended
-    let _ = child.kill(); // the same
-    child.wait().map_err(|e| failed(&e))?;
+    let stop = Command::new(&own).args(["--name", &name, "stop"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    if let Ok(mut stop) = stop {
+        program::ends_within(&mut stop, STOP_NS); // it may have ended
+    }
+    program::end(&mut child); // the same
     let what = "from the command `hystation replay FILE --from T` to the first shown tick, s";
     Ok(json!({ "arm": "station", "name": what, "session_s": AGAIN_S, "from_s": SHOWN_S, "time_s": time_s }))
 }

@@ -40,7 +40,7 @@ fn bare_row(bare: &Bare) -> Value {
 fn names(arm: &Arm) -> Vec<String> {
     let found: BTreeSet<&String> = arm.windows.iter().flat_map(|window| window.spells.keys()).collect();
     let mut names: Vec<String> = found.into_iter().cloned().collect();
-    let place = |name: &String| Role::ALL.into_iter().position(|role| name.split(':').next() == Some(role.name()));
+    let place = |name: &String| Role::ALL.into_iter().position(|role| Role::name_in(name) == role.name());
     names.sort_by_key(|name| (place(name).unwrap_or(usize::MAX), name.clone()));
     names
 }

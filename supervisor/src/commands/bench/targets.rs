@@ -2,7 +2,7 @@
 
 use super::arm::{Arm, Kind};
 use super::probe::{Spell, Window};
-use hyst_messages::percentile_ns;
+use hyst_messages::{Role, percentile_ns};
 use serde_json::{Value, json};
 use std::fmt;
 
@@ -205,7 +205,7 @@ pub fn judge(arms: &[Arm], on_default: bool) -> Vec<Target> {
     targets.push(Target::new("memory, what is shared once, MiB".into(), memory_mib, MOST_MEMORY_MIB, false).required());
     let spells = || stations().flat_map(|arm| &arm.windows).flat_map(|window| &window.spells);
     for engine in ALLOCATE_NOTHING {
-        let of_engine = spells().filter(|(name, _)| name.split(':').next() == Some(engine)).map(|(_, spell)| spell);
+        let of_engine = spells().filter(|(name, _)| Role::name_in(name) == engine).map(|(_, spell)| spell);
         let (allocations, steps) =
             of_engine.fold((0, 0), |(all, steps), spell| (all + spell.allocations, steps + spell.steps.unwrap_or(0)));
         let each = (steps > 0).then(|| allocations as f64 / steps as f64);

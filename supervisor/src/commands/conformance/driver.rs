@@ -131,7 +131,7 @@ fn push(bench: &mut Bench, begun: u64, most_n: f32) -> Result<String, String> {
     if (entries.len() as f64) < ticks as f64 * (1.0 - FEW) / 2.0 {
         return Err(format!("its ledger has {} entries for {ticks} ms", entries.len()));
     }
-    let is_followed = |entry: &&LedgerEntry| entry.force_tick > begun && entry.station_tick < entry.force_tick + 10;
+    let is_followed = |entry: &&LedgerEntry| entry.force_tick > begun && entry.station_tick < entry.force_tick.saturating_add(10);
     let followed = entries.iter().filter(is_followed).count();
     if (followed as f64) < entries.len() as f64 * (1.0 - FEW) {
         return Err(format!("of {} of its ticks only {followed} had a new command", entries.len()));
@@ -164,7 +164,7 @@ fn samples(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> Vec<Chec
     let begun = bench.tick();
     let (steps, _) = bench.beat();
     let pushed = push(bench, begun, most_n);
-    let (steps, beat_ns) = (bench.beat().0 - steps, bench.beat().1);
+    let (steps, beat_ns) = (bench.beat().0.saturating_sub(steps), bench.beat().1);
     let seen = std::mem::take(&mut bench.seen);
     let rate = rate(&seen, stated, steps);
     let beats = hyst_exchange::system::now_ns().saturating_sub(beat_ns);
@@ -193,7 +193,7 @@ fn rate(seen: &[Seen], stated: &DeviceStatement, steps: u64) -> Result<String, S
 }
 
 fn stamps(seen: &[Seen], stated: &DeviceStatement) -> Result<String, String> {
-    let mut ages_ns: Vec<i64> = seen.iter().map(|it| it.seen_ns as i64 - it.sample.time_ns as i64).collect();
+    let mut ages_ns: Vec<i64> = seen.iter().map(|it| (it.seen_ns as i64).saturating_sub(it.sample.time_ns as i64)).collect();
     ages_ns.sort_unstable();
     let Some(median_ns) = ages_ns.get(ages_ns.len() / 2).copied() else { return Err("no sample came".into()) };
     let most_ns = (2e9 / f64::from(stated.rate_hz)) as i64 + 1_000_000;

@@ -96,7 +96,7 @@ fn is_paced(role: Role) -> bool {
 
 /// What the steps of a window took from the allocator.
 fn of_allocator(role: Role, window: &[Count]) -> Result<String, String> {
-    let sum = |of: fn(&Count) -> u64| window.iter().map(of).sum::<u64>();
+    let sum = |of: fn(&Count) -> u64| window.iter().map(of).fold(0, u64::saturating_add);
     let (steps, entries, blocks) = (sum(|count| count.steps), sum(|count| count.entries), sum(|count| count.blocks));
     if steps == 0 {
         return Err("no step is counted in its page".into());

@@ -2,7 +2,7 @@
 //! is ready, but for a bounded time.
 
 use super::{Stage, Swap, tend};
-use crate::policy::{Action, LEAVE_WITHIN_NS, Life, Reason, State, is_replicated};
+use crate::policy::{Action, LEAVE_WITHIN_NS, Life, Reason, State};
 use hyst_messages::Slot;
 
 /// Undoes the swap.
@@ -45,7 +45,7 @@ pub(super) fn next(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> {
     };
     let elder = state.elder(slot, swap.incumbent);
     let holds = slot.is_guest() && state.holder(role) == incarnation;
-    let works = holds || (!slot.is_guest() && is_replicated(role) && state.is_ready(slot));
+    let works = holds || (!slot.is_guest() && role.is_replicated() && state.is_ready(slot));
     if works && elder.is_none() && now_ns.saturating_sub(swap.since_ns) < LEAVE_WITHIN_NS {
         return Vec::new();
     }

@@ -1,7 +1,7 @@
 //! After the probation: the other slots of the role get the new engine, one after the other, each as soon as somebody else does its work.
 
 use super::{Stage, Swap, arrive_within_ns, enter, tend};
-use crate::policy::{Action, State, is_replicated};
+use crate::policy::{Action, State};
 use hyst_messages::Slot;
 use hyst_messages::page::Stage as Told;
 
@@ -55,8 +55,8 @@ pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
         }
         return tend(now_ns, state);
     }
-    let covered =
-        !is_replicated(role) || state.places.keys().any(|other| other.role() == role && *other != slot && state.is_ready(*other));
+    let covered = !role.is_replicated()
+        || state.places.keys().any(|other| other.role() == role && *other != slot && state.is_ready(*other));
     if told || state.alive(slot) != Some(old) || !covered {
         return Vec::new();
     }

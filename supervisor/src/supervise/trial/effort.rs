@@ -5,7 +5,7 @@ mod spent;
 
 use super::super::Supervisor;
 use super::Trial;
-use crate::policy::{self, Cause, Reason};
+use crate::policy::{Cause, Reason};
 use crate::proc::{START_UNIT_NS, ThreadFiles};
 use hyst_exchange::system;
 use hyst_messages::page::{hardware, header};
@@ -144,7 +144,7 @@ impl Supervisor {
         let Some(trial) = &self.trial else { return };
         let (own, role, incumbent) = (trial.record.slot(), trial.role, trial.record.incumbent);
         let beside = self.slots.iter().copied().find(|slot| self.viewer.page().incarnation(*slot) == incumbent);
-        let beside = beside.filter(|_| policy::is_replicated(role));
+        let beside = beside.filter(|_| role.is_replicated());
         let stalled_ns = self.stalled_ns();
         let [own, beside] = [own, beside].map(|slot| slot.map(|slot| (self.steps_of(slot), self.viewer.page().pid(slot))));
         let Some(trial) = &mut self.trial else { return };

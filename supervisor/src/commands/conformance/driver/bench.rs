@@ -49,10 +49,7 @@ pub struct Bench {
 impl Drop for Bench {
     fn drop(&mut self) {
         self.keeping.store32_and_wake(station::STOP, 1);
-        if crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS).is_none() {
-            let _ = self.child.kill(); // gone is as good
-            let _ = self.child.wait();
-        }
+        let _ = crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS); // one that does not end is killed
         system::demote(0);
         self.station.wipe();
     }
