@@ -18,7 +18,7 @@ impl Faults {
     /// The stop that is over with this: it was held against its victim for 40 s that it did not recover.
     pub(super) fn end_stop(&mut self, victim: &Victim, now_ns: u64) {
         let of = (victim.slot.number(), victim.incarnation, false);
-        let stops = self.open.faults.iter_mut().filter(|fault| fault.kind == FaultKind::Stop.name());
+        let stops = self.open.faults.iter_mut().filter(|fault| fault.is(FaultKind::Stop));
         for fault in stops.filter(|fault| (fault.slot, fault.incarnation, fault.dead) == of && fault.recovered_us.is_none()) {
             fault.continue_ns = Some(now_ns);
         }
