@@ -106,6 +106,10 @@ impl Faults {
         let until_ns = Some(injection.for_s.map_or(0, |for_s| now_ns + (for_s * 1e9) as u64));
         match injection.kind {
             kind @ (FaultKind::Oom | FaultKind::NoFiles) => {
+                let is_of = |fault: &Fault| (fault.slot, fault.incarnation) == (victim.slot.number(), victim.incarnation);
+                if self.open.faults.iter().any(|fault| is_of(fault) && fault.is(kind) && fault.lowered.is_some()) {
+                    return Err(shortage::already(kind, victim.slot));
+                }
                 let lowered = Some(shortage::lower(victim.pid, kind)?);
                 self.ask(victim, injection, now_ns);
                 Ok(Deed { until_ns, lowered, manifested: kind == FaultKind::NoFiles, ..Deed::default() })
