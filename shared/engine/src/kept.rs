@@ -39,8 +39,8 @@ impl Kept {
 
 /// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says.
 pub fn keep(station: &Station, binary: &Path, role: Role) -> Result<Kept, String> {
-    // An engine is asked for what this program is of. In a station of another layout it would agree with that, end in its start, and where there is no spare have
-    // cost the old one by then.
+    // An engine is asked for what this program is of. In a station of another layout it would agree with that, end in its start, and have cost the old one by
+    // then where there is no spare.
     if let Err(StationError::Page(PageError::Foreign { .. })) = station.open() {
         let name = station.name();
         return Err(format!(

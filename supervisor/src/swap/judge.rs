@@ -111,8 +111,8 @@ impl Pairs {
         }
     }
 
-    /// Looks how long the steps of both sides are. Where they differ a newcomer may make states of other ticks than the old engine, and is out of tolerance then:
-    /// however long it is waited for, there is nothing to compare.
+    /// Looks how long the steps of both sides are. Where they differ a newcomer may make states of other ticks than the old engine, and is out of tolerance
+    /// then: however long it is waited for, there is nothing to compare.
     fn note_steps(&mut self, header: &StreamHeader, guest: u32) {
         let is_guest = header.incarnation == guest;
         if header.step_ticks == 0 || self.has_met {
