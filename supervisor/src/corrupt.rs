@@ -6,7 +6,7 @@
 
 use crate::campaign::draw::Draw;
 use crate::faultfile::{DEFAULT_BYTES, Injection, Place};
-use hyst_exchange::{Station, checkpoint, mappings};
+use hyst_exchange::{Station, checkpoint, mappings, system};
 use hyst_messages::Slot;
 use rustix::fs::SeekFrom;
 use serde::{Deserialize, Serialize};
@@ -76,10 +76,13 @@ pub(crate) fn corrupt(
     if files.is_empty() {
         return Err(format!("{slot} has no segment of that kind mapped now; wait until its readers are there"));
     }
-    let (bytes, seed) = (injection.bytes.unwrap_or(DEFAULT_BYTES), injection.seed.unwrap_or(0));
+    // Another one each time that none is named: the same bytes, flipped once more, would be as they were before.
+    let (bytes, seed) = (injection.bytes.unwrap_or(DEFAULT_BYTES), injection.seed.unwrap_or_else(system::now_ns));
     let flips = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
-    let first = flips.first().map_or("none: they are empty".into(), |flip| described(&flip.path, flip.at));
-    Ok((format!("{bytes} bytes in {} files, the first at {first}", files.len()), flips))
+    let Some(first) = flips.first().map(|flip| described(&flip.path, flip.at)) else {
+        return Err(format!("{slot} has nothing there yet that was ever written; wait until it has"));
+    };
+    Ok((format!("{bytes} bytes of seed {seed} in {} files, the first at {first}", files.len()), flips))
 }
 
 /// The files in shared memory that a process has mapped with these rights, in the order of their names.
@@ -198,6 +201,31 @@ mod tests {
         for path in paths {
             std::fs::remove_file(path).unwrap();
         }
+    }
+
+    /// By the same seed for whoever named none the second fault put right what the first had done.
+    #[test]
+    fn who_names_no_seed_flips_other_bytes_each_time_and_what_is_empty_is_refused() {
+        let station = Station::named(&format!("t{}-seedless", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = Slot::first(hyst_messages::Role::Fluid);
+        let _own = station.create_slot(slot, 1).unwrap();
+        let page = || std::fs::read(station.slot_page(slot, 1)).unwrap();
+        let twice = |place: Place, seed: Option<u64>| {
+            let injection =
+                Injection { place: Some(place), seed, ..Injection::now(crate::faultfile::FaultKind::Corrupt, "fluid:0") };
+            let said = || corrupt(&station, slot, 1, 0, &injection).map(|(said, _)| said);
+            (said(), said())
+        };
+        let before = page();
+        assert!(twice(Place::Page, Some(3)).0.is_ok_and(|said| said.starts_with("16 bytes of seed 3 in 1 files")));
+        assert_eq!(page(), before, "as they were");
+        let (first, second) = twice(Place::Page, None);
+        assert!(first.is_ok() && second.is_ok() && page() != before);
+        std::fs::write(checkpoint::path(&station, slot), "").unwrap();
+        assert!(twice(Place::Checkpoint, None).0.unwrap_err().contains("ever written"));
+        station.wipe();
     }
 
     #[test]

@@ -19,6 +19,8 @@ use std::path::Path;
 
 /// Most faults in one file: a campaign of a few hours.
 pub const MOST_FAULTS: usize = 100_000;
+/// Shortest and longest time that a fault may last, s: in less than a tick nobody does anything, and nothing would come of it.
+const LASTS_S: std::ops::RangeInclusive<f64> = 0.001..=3_600.0;
 
 /// One fault to come.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -133,8 +135,8 @@ impl Injection {
         if self.phase_us > 999 {
             return Err(format!("phase_us = {}: microseconds in a tick, 0 to 999", self.phase_us));
         }
-        if let Some(for_s) = self.for_s.filter(|for_s| !(0.0..=3_600.0).contains(for_s)) {
-            return Err(format!("for = {for_s}: seconds between 0 and 3600"));
+        if let Some(for_s) = self.for_s.filter(|for_s| !LASTS_S.contains(for_s)) {
+            return Err(format!("for = {for_s}: seconds between 0.001, which is a tick, and 3600"));
         }
         match aim {
             Aim::Engines(target) => {
@@ -227,7 +229,11 @@ mod tests {
         }
         assert!(parse("f", &good.replace("tick = 300", "tock = 300")).unwrap_err().to_string().contains("tock"));
         assert!(parse("f", &good.replace("\"kill\"", "\"melt\"")).is_err());
-        assert!(parse("f", &good.replace("for = 0.5", "for = nan")).is_err());
+        for time in ["nan", "0.0", "-0.0", "0.0009", "inf", "3600.1"] {
+            let refused = parse("f", &good.replace("0.5", time)).unwrap_err().to_string();
+            assert!(refused.contains("which is a tick"), "{time}: {refused}");
+        }
+        assert!(parse("f", &good.replace("0.5", "0.001")).is_ok());
         assert!(parse("f", &good.replace("for = 0.5", "phase_us = 1000")).is_err());
         let keeper = parse("f", &good.replace("haptic:active", "guardian")).unwrap_err().to_string();
         assert!(keeper.contains("fault inject"), "{keeper}");

@@ -61,6 +61,10 @@ impl Hurt {
             let living = remains::slot_alive(&page, Slot::first(*role).number());
             victims.push(living.ok_or_else(|| format!("the {} is not alive now; wait until it is back", role.name()))?);
         }
+        let goes_on = |victim: &&Living| kind == FaultKind::Cont && !remains::is_stopped(victim.pid);
+        if let Some(victim) = victims.iter().find(goes_on) {
+            return Err(format!("the {} is not stopped, and there is nothing to continue", victim.name));
+        }
         let send = || victims.iter().map(|victim| strike(victim.pid, kind)).collect::<Vec<_>>();
         let (struck_ns, lowered) = moment::at(moment_ns, send)?;
         let refused = lowered.iter().find_map(|done| done.clone().err());

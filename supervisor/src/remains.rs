@@ -1,6 +1,7 @@
 //! Who of a station is alive, and the end of what must not be: by process id *and* start time, since ids are used again.
 
 use crate::proc;
+use crate::suspicion::Thread;
 use hyst_exchange::{Station, StationPage, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, SLOTS, Slot};
@@ -26,6 +27,11 @@ impl Living {
     pub fn is_alive(&self) -> bool {
         system::is_alive(self.pid, self.start)
     }
+}
+
+/// Whether a process stands stopped by a signal.
+pub fn is_stopped(pid: u32) -> bool {
+    proc::ThreadFiles::open(pid).and_then(|files| files.state()) == Some(Thread::Stopped)
 }
 
 /// Whether the process that the station page names for the slot is alive.

@@ -37,14 +37,23 @@ pub struct Lowered {
     soft: Option<u64>,
 }
 
-/// Lowers a limit of a process to what it uses now: its memory (`oom`) or its files (`no-files`).
+/// Lowers a limit of a process to what it uses now: its memory (`oom`) or its files (`no-files`). One that is as low already is another fault's, which puts it
+/// back: who remembered it as it is would leave it so for ever.
 pub fn lower(pid: u32, kind: FaultKind) -> Result<Lowered, String> {
     let files = kind == FaultKind::NoFiles;
     let used = if files { lowest_free_file(pid) } else { address_space(pid) };
     let (used, (soft, hard)) = used.zip(limits(pid, files)).ok_or_else(|| format!("process {pid} is gone"))?;
-    let current = Some(used.min(soft.unwrap_or(u64::MAX)));
-    set(pid, files, Rlimit { current, maximum: hard }).map_err(|error| format!("its limit cannot be lowered: {error}"))?;
+    if soft.is_some_and(|soft| soft <= used) {
+        return Err(already(kind, format!("process {pid}")));
+    }
+    set(pid, files, Rlimit { current: Some(used), maximum: hard })
+        .map_err(|error| format!("its limit cannot be lowered: {error}"))?;
     Ok(Lowered { files, soft })
+}
+
+/// Why a limit that was lowered is not lowered once more.
+pub fn already(kind: FaultKind, whom: impl std::fmt::Display) -> String {
+    format!("{} of {whom} is under way already; undo that fault, or wait for its end", kind.name())
 }
 
 /// Puts a limit back; a process that is gone needs none.
@@ -214,6 +223,7 @@ mod tests {
         let before = limits(child.id(), true).unwrap();
         let lowered = lower(child.id(), FaultKind::NoFiles).unwrap();
         assert!(!opens() && limits(child.id(), true).unwrap().0 < before.0);
+        assert!(lower(child.id(), FaultKind::NoFiles).unwrap_err().contains("under way already"), "it would be put back to that");
         restore(child.id(), lowered);
         assert!(opens() && limits(child.id(), true).unwrap() == before);
         let lowered = lower(child.id(), FaultKind::Oom).unwrap();

@@ -301,7 +301,7 @@ fn a_recorder_that_drops_ticks_in_silence_is_found_and_only_where_it_is() {
     assert!(broken.iter().all(|text| text.contains("ticks are not in its recording, and it does not say so")), "{broken:?}");
 }
 
-/// Ctrl-C before the batch is through is no verdict, and the same command goes on.
+/// The line of its terminal is cut before the batch is through: that is no verdict, what it came to is written, and the same command goes on.
 #[test]
 fn a_campaign_that_is_interrupted_ends_with_code_3() {
     let folder = Folder::new("campaign-interrupted");
@@ -310,14 +310,20 @@ fn a_campaign_that_is_interrupted_ends_with_code_3() {
     let name = format!("campaign-{}", std::process::id());
     let mut command = hystation();
     command.args(["--name", &name, "fault", "campaign", &file, "--report", &out, "--batch", "30"]);
-    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().expect("a campaign");
+    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let mut child = command.spawn().expect("a campaign");
     let first = || folder.as_path().join("out/results.jsonl").exists().then_some(());
     assert_eq!(wait_for(Duration::from_secs(120), first), Some(()), "no fault came about");
-    let _ = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    drop(child.stderr.take()); // nobody takes its words any more
+    let _ = std::process::Command::new("kill").args(["-HUP", &child.id().to_string()]).status().expect("kill");
     let ended = child.wait_with_output().expect("its end");
-    let said = String::from_utf8_lossy(&ended.stdout).into_owned() + &String::from_utf8_lossy(&ended.stderr);
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned();
     assert_eq!(ended.status.code(), Some(3), "{said}");
     assert!(said.contains("faults of this run are left, and the same command goes on"), "{said}");
+    assert!(
+        folder.read("out/report.txt").contains("faults of this run are left")
+            && folder.read("out/stations.jsonl").lines().count() == 1
+    );
     assert_nothing_left();
 }
 

@@ -85,8 +85,14 @@ fn refuse_nonsense(station: &Station) {
         assert!(code == Some(2) && is_clear, "{kind:?} {target:?}: {code:?} {out:?} {said}");
     }
     // What only the supervisor knows to be impossible.
-    let (code, _, said) = run(hystation().args(["--name", station.name(), "fault", "inject", "undo", "recorder"]));
-    assert!(code == Some(2) && said.contains("nothing is being done to it that could end"), "{code:?} {said}");
+    for (kind, target, words) in [
+        ("undo", "recorder", "nothing is being done to it that could end"),
+        ("cont", "recorder", "recorder is not stopped"),
+        ("cont", "supervisor+guardian", "is not stopped"),
+    ] {
+        let (code, _, said) = run(hystation().args(["--name", station.name(), "fault", "inject", kind, target]));
+        assert!(code == Some(2) && said.contains(words), "{kind} {target}: {code:?} {said}");
+    }
     assert_eq!((station.pids(), station.events().matches("injected").count()), before, "{}", station.said());
     station.run_ticks(200);
     assert!(station.is_whole(), "{}\n{}", station.status(), station.said());

@@ -14,6 +14,7 @@ pub fn escape(text: &str) -> String {
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
             // What XML 1.0 forbids altogether.
+            '\u{fffe}' | '\u{ffff}' => out.push('\u{fffd}'),
             control if control.is_control() && !matches!(control, '\n' | '\t') => out.push('\u{fffd}'),
             other => out.push(other),
         }
@@ -39,6 +40,7 @@ mod tests {
     #[test]
     fn markup_and_escape_sequences_are_only_text() {
         assert_eq!(escape("<a href='x'>&\"\u{1b}"), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;\u{fffd}");
+        assert_eq!(escape("\u{0}\r\u{85}\u{fffe}\u{ffff}\n\t\u{fffd}"), "\u{fffd}\u{fffd}\u{fffd}\u{fffd}\u{fffd}\n\t\u{fffd}");
         assert_eq!(plain("\u{1b}[2J\nü"), "\u{fffd}[2J\u{fffd}ü");
         assert_eq!(plain(&"x".repeat(301)).chars().count(), 301);
         assert!(plain(&"x".repeat(301)).ends_with('…') && !plain(&"x".repeat(300)).ends_with('…'));

@@ -3,7 +3,7 @@
 //! back to is what ran before it.
 
 use crate::verify::verify;
-use hyst_exchange::{Station, system};
+use hyst_exchange::{PageError, Station, StationError, system};
 use hyst_messages::Role;
 use rustix::fs::StatVfsMountFlags;
 use std::fs::File;
@@ -39,6 +39,14 @@ impl Kept {
 
 /// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says.
 pub fn keep(station: &Station, binary: &Path, role: Role) -> Result<Kept, String> {
+    // An engine is asked for what this program is of. In a station of another layout it would agree with that, end in its start, and have cost the old one by
+    // then where there is no spare.
+    if let Err(StationError::Page(PageError::Foreign { .. })) = station.open() {
+        let name = station.name();
+        return Err(format!(
+            "station {name} is of another build than this program, or damaged; swap with the `hystation` that runs it"
+        ));
+    }
     verify(binary, role)?;
     let kept = copy(station, binary)?;
     if is_copy(&kept.binary) {
@@ -58,6 +66,17 @@ fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
     let folder = folder(station);
     let in_use = open(station, &folder).map_err(|error| refuse(&folder, error))?;
     let mut engine = File::open(binary).map_err(|error| format!("{}: {error}", binary.display()))?;
+    let bytes = engine.metadata().map_err(|error| format!("{}: {error}", binary.display()))?.len();
+    let free_bytes = system::free_bytes(station.root()).map_err(|error| refuse(station.root(), error))?;
+    if !leaves_room(bytes, free_bytes) {
+        return Err(format!(
+            "{}: {} MiB, and of the {} MiB that /dev/shm has left a copy may take half; build it in release, or take out what a debugger alone reads \
+             (`strip`)",
+            binary.display(),
+            bytes >> 20,
+            free_bytes >> 20
+        ));
+    }
     // Into its place as a whole, and by that name only when it is all there. Each copies by itself.
     let next = folder.join(format!("{}-{}.next", std::process::id(), system::now_ns()));
     let from = binary.as_os_str().as_encoded_bytes();
@@ -79,6 +98,12 @@ fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
         refuse(&folder, error)
     })?;
     Ok(Kept { binary, _in_use: Some(in_use) })
+}
+
+/// Whether a copy leaves a station that works beside it room to go on: where /dev/shm is full whoever wants memory there ends, and a program with all that a
+/// debugger reads may be larger than the station.
+fn leaves_room(bytes: u64, free_bytes: u64) -> bool {
+    bytes <= free_bytes / 2
 }
 
 /// Opens the folder of the copies for one who is about to need one, after what nobody needs was removed.
@@ -217,6 +242,32 @@ mod tests {
         drop(asks);
         copied(&station, &other);
         assert!(!gone.exists(), "he asked, and no swap came of it");
+        station.wipe();
+    }
+
+    /// It was copied until there was no room left, beside a trainee.
+    #[test]
+    fn what_takes_most_of_the_room_that_a_station_has_is_refused_and_nothing_of_it_copied() {
+        assert!(leaves_room(500, 1_000) && !leaves_room(501, 1_000));
+        let (station, work) = station("large");
+        let large = work.join("large");
+        let bytes = system::free_bytes(station.root()).unwrap() / 4 * 3;
+        File::create(&large).unwrap().set_len(bytes).unwrap(); // a hole, which takes none itself
+        let refused = copy(&station, &large).unwrap_err();
+        assert!(refused.contains("a copy may take half") && refused.contains("strip"), "{refused}");
+        assert_eq!(std::fs::read_dir(folder(&station)).unwrap().count(), 0);
+        station.wipe();
+    }
+
+    /// What both programs agreed on was not the station's.
+    #[test]
+    fn a_station_of_another_layout_is_asked_for_no_swap() {
+        let (station, _) = station("foreign");
+        let mut page = std::fs::read(station.station_page()).unwrap();
+        page.iter_mut().for_each(|byte| *byte ^= 0x55);
+        std::fs::write(station.station_page(), page).unwrap();
+        let refused = keep(&station, Path::new("/bin/true"), Role::Fluid).unwrap_err();
+        assert!(refused.contains("another build than this program"), "{refused}");
         station.wipe();
     }
 

@@ -10,6 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 /// What a program has said is there when it has ended.
@@ -20,6 +21,8 @@ const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
 const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 /// Longest answer that is read, bytes.
 const MOST_BYTES: u64 = 4 * 1024;
+/// Most characters of its complaint that are quoted.
+const MOST_CHARACTERS: usize = 200;
 /// First bytes of a program of this system.
 const ELF: [u8; 4] = *b"\x7fELF";
 
@@ -86,13 +89,14 @@ fn ask(path: &Path) -> Result<String, String> {
         .arg(DESCRIBE)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .process_group(0)
         .spawn();
     let mut child = started.map_err(|error| format!("{name} cannot be started: {error}; is it damaged?"))?;
+    let complaint = head_of(child.stderr.take());
     let out = child.stdout.take();
     // A program that floods its output waits until it is killed; one that leaves its output to a child of its own is not waited for.
-    let (tell, told) = std::sync::mpsc::channel();
+    let (tell, told) = channel();
     std::thread::spawn(move || {
         let mut text = String::new();
         let read = out.map(|out| out.take(MOST_BYTES).read_to_string(&mut text));
@@ -102,9 +106,34 @@ fn ask(path: &Path) -> Result<String, String> {
     let text = told.recv_timeout(READ_WITHIN).ok().flatten();
     match status {
         None => Err(format!("{name} {DESCRIBE} did not end within {} s; is it an engine?", ANSWER_WITHIN_NS / 1_000_000_000)),
-        Some(status) if !status.success() => Err(format!("{name} {DESCRIBE} ended with {status}; is it an engine?")),
+        Some(status) if !status.success() => {
+            let said = complaint.recv_timeout(READ_WITHIN).ok().and_then(|head| first_line(&head));
+            let said = said.map_or(String::new(), |line| format!(" ({line})"));
+            Err(format!("{name} {DESCRIBE} ended with {status}{said}; is it an engine?"))
+        }
         Some(_) => text.ok_or_else(|| format!("{name} {DESCRIBE} says what is no text; is it an engine?")),
     }
+}
+
+/// What comes out of a pipe first. Whatever comes after that is taken and dropped: who writes more does not wait for anybody.
+fn head_of(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
+    let (tell, told) = channel();
+    std::thread::spawn(move || {
+        let Some(mut pipe) = pipe else { return };
+        let mut head = Vec::new();
+        if pipe.by_ref().take(MOST_BYTES).read_to_end(&mut head).is_ok() {
+            let _ = tell.send(head); // nobody waits any more
+        }
+        let _ = std::io::copy(&mut pipe, &mut std::io::sink()); // to its end
+    });
+    told
+}
+
+/// The first line that says something, as long as a person reads: a library that is not found, the words of a panic.
+fn first_line(said: &[u8]) -> Option<String> {
+    let text = String::from_utf8_lossy(said);
+    let line = text.lines().map(str::trim).find(|line| !line.is_empty())?;
+    Some(line.chars().filter(|character| !character.is_control()).take(MOST_CHARACTERS).collect())
 }
 
 /// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
@@ -163,6 +192,11 @@ mod tests {
         assert!(verify(&folder, Role::Fluid).unwrap_err().contains("is no file"));
         assert!(verify(&folder.join("absent"), Role::Fluid).unwrap_err().contains("No such file"));
         assert!(verify(Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        // In whatever language it complains, the option that it does not know is in it.
+        let refused = verify(Path::new("/bin/cat"), Role::Fluid).unwrap_err();
+        assert!(refused.matches(DESCRIBE).count() == 2 && refused.ends_with("is it an engine?"), "{refused}");
+        assert_eq!(first_line(b"\n \x1b[1mno lib\xff\n and more").as_deref(), Some("[1mno lib\u{fffd}"));
+        assert_eq!((first_line(b" \n"), first_line(&[b'x'; 999]).map(|line| line.len())), (None, Some(MOST_CHARACTERS)));
         let whole = std::fs::read("/bin/true").unwrap();
         let truncated = folder.join("truncated");
         std::fs::write(&truncated, &whole[..whole.len() - 1]).unwrap();

@@ -359,11 +359,27 @@ impl Cell {
             return Err("these stations have no recorder; take out [station] record = false".into());
         }
         let record = campaign.records().then(|| "x".into());
-        let spares = campaign.set(arm).get("spares").is_none_or(|value| value != "off");
-        let slots = plan::slots(&Settings { workers, record, ..Settings::default() }, spares, None);
+        let set = campaign.set(arm);
+        let spares = set.get("spares").is_none_or(|value| value != "off");
+        let slots = plan::slots(&Settings { workers, record, set, ..Settings::default() }, spares, None);
         for injection in [Some(&self.injection), self.with.as_ref()].into_iter().flatten() {
             injection.check_in(&slots).map_err(|reason| format!("arm {:?}: {reason}", arm.name))?;
         }
-        Ok(())
+        match self.swap.and_then(|role| no_swap_among(&slots, role)) {
+            Some(reason) => Err(format!("arm {:?}: swap: {reason}", arm.name)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Why stations of these slots refuse every swap of a role; `None` if they do not.
+fn no_swap_among(slots: &[Slot], role: Role) -> Option<String> {
+    let name = role.name();
+    match (slots.iter().filter(|slot| slot.role() == role).count(), role) {
+        (0, _) => Some(format!("these stations have no {name}; take another role, or start them with one")),
+        (1, Role::Haptic) => {
+            Some(format!("{name} is swapped beside another one, and these stations have one; take out spares = \"off\""))
+        }
+        _ => None,
     }
 }

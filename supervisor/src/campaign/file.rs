@@ -307,11 +307,37 @@ impl Campaign {
                 look(&format!("pool {}", pool.name), Some(pool.limit_upper95), own.map(|cell| arm.count(cell)).sum());
             }
         }
+        found.extend(self.cannot_be_judged());
         found
     }
-    /// Faults in all arms.
+    /// Pools of which no fault can tell, or too few for what they ask, and a campaign in which no promise is judged, in words.
+    fn cannot_be_judged(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        let judged: Vec<&Arm> = self.arms.iter().filter(|arm| arm.judged).collect();
+        if judged.is_empty() {
+            found.push("no arm is judged: there are figures, and no promise that could be broken".into());
+        }
+        for Pool { name, least, .. } in &self.pools {
+            let own: Vec<&Cell> = self.cells.iter().filter(|cell| cell.pool.as_ref() == Some(name)).collect();
+            if own.is_empty() {
+                found.push(format!("pool {name}: no cell is in it; write pool = {name:?} in a [[cell]]"));
+            }
+            for arm in &judged {
+                let faults: usize = own.iter().map(|cell| arm.count(cell)).sum();
+                if (1..*least).contains(&faults) {
+                    found.push(format!(
+                        "arm {}, pool {name}: {faults} faults, and at least {least} are to have a verdict; give it a larger count",
+                        arm.name
+                    ));
+                }
+            }
+        }
+        found
+    }
+    /// Faults in all arms; of more than can be counted the largest number.
     pub fn faults(&self) -> usize {
-        self.arms.iter().flat_map(|arm| self.cells.iter().map(|cell| arm.count(cell))).sum()
+        let counts = self.arms.iter().flat_map(|arm| self.cells.iter().map(|cell| arm.count(cell)));
+        counts.fold(0, usize::saturating_add)
     }
     /// Whether the promises are judged in the arm of this name.
     pub fn judges(&self, arm: &str) -> bool {

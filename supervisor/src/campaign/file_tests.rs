@@ -69,6 +69,7 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
         ("count = 15", "count = 15\ncolour = 3", "colour"),
         ("count = 15", "count = 15\ntick = 3", "drawn"),
         ("count = 15", "count = 200000", "at most"),
+        ("count = 15", "count = 9223372036854775807", "at most"), // four cells of these are more than can be counted
         ("count = 15", "count = 15\nlimit_upper95 = nan", "limit"),
         ("count = 15", "count = 15\nfound_ms = nan", "found_ms"),
         ("count = 15", "count = 15\nfound_ms = 0.0", "found_ms"),
@@ -98,6 +99,27 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
     let text = "[station]\nrecord = false\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\"]\nstates = [\"swap\"]\nswap = \"recorder\"\ncount = 1\n";
     assert!(parse("t", text).unwrap_err().contains("have no recorder"));
     assert!(parse("t", &text.replace("record = false", "")).is_ok());
+}
+
+/// They were accepted, and each of their faults was refused by a station that had been started for it.
+#[test]
+fn a_cell_of_a_process_or_a_swap_that_its_stations_do_not_have_is_refused() {
+    let swap = |station: &str, role: &str| {
+        let cell = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\"]\nstates = [\"swap\"]\ncount = 1\n";
+        parse("t", &format!("[station]\n{station}\n{cell}swap = {role:?}\n")).map(|_| ())
+    };
+    let (alone, dark) = ("set = { spares = \"off\" }", "set = { console = \"off\" }");
+    for (station, role, words) in [
+        ("workers = 0", "collision-worker", "no collision-worker"),
+        (dark, "console", "no console"),
+        (alone, "haptic", "take out spares"),
+    ] {
+        assert!(swap(station, role).unwrap_err().contains(words), "{station}: {role}");
+        assert_eq!(swap("", role), Ok(()), "{role}");
+    }
+    assert_eq!([swap(alone, "fluid"), swap(alone, "device")], [Ok(()), Ok(())], "each has a place for its newcomer");
+    let text = format!("[station]\n{dark}\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"console\"]\ncount = 1\n");
+    assert!(parse("t", &text).unwrap_err().contains("the station has no console"));
 }
 
 /// Both were accepted, and had no recovery that could be judged.
@@ -159,7 +181,7 @@ fn both_of_a_role_and_those_who_keep_the_station_are_targets_too() {
 const LEAST_OF_AN_OPTION: usize = 8;
 
 /// The files that hold every kind of fault together, but for what is slow to be found and file systems that are full.
-const OF_EVERY_KIND: [&str; 3] = ["ends", "lies", "station"];
+const OF_EVERY_KIND: [&str; 4] = ["corrupt", "ends", "lies", "station"];
 
 /// All that come with the station.
 fn shipped() -> Vec<Campaign> {
@@ -177,7 +199,8 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     let set: Vec<&Campaign> = campaigns.iter().filter(|it| OF_EVERY_KIND.contains(&&*it.name)).collect();
     assert!(set.iter().flat_map(|it| &it.pools).all(|pool| pool.limit_upper95 == 0.05));
     assert!(set.iter().flat_map(|it| &it.cells).all(|cell| cell.pool.is_some()));
-    assert_eq!(set.iter().map(|it| it.faults()).collect::<BTreeSet<_>>(), [1_624, 1_666, 2_359].into(), "as their heads say");
+    let faults: BTreeSet<usize> = set.iter().map(|it| it.faults()).collect();
+    assert_eq!(faults, [544, 1_080, 1_666, 2_359].into(), "as their heads say");
     let together: Vec<&Cell> = campaigns
         .iter()
         .filter(|it| OF_EVERY_KIND.contains(&&*it.name) || ["slow", "full"].contains(&&*it.name))
@@ -250,6 +273,15 @@ fn a_limit_that_so_few_faults_cannot_show_is_named() {
     );
     let pooled = format!("[[pool]]\nname = \"a\"\nlimit_upper95 = 0.02\n{few}pool = \"a\"\n");
     assert!(said(&pooled)[0].contains("pool a: 58 faults"), "{:?}", said(&pooled));
+    // What a pool asks of more faults than it has, or of none, nobody can hold; and what nobody judges holds nothing.
+    let wide = pooled.replace("0.02", "0.5");
+    assert_eq!(said(&wide), Vec::<String>::new());
+    let asks = said(&wide.replace("0.5\n", "0.5\nleast = 59\n"));
+    assert!(asks.len() == 1 && asks[0].contains("pool a: 58 faults, and at least 59"), "{asks:?}");
+    let empty = said(&format!("[[pool]]\nname = \"b\"\nlimit_upper95 = 0.5\n{wide}"));
+    assert!(empty.len() == 1 && empty[0].contains("pool b: no cell is in it"), "{empty:?}");
+    let silent = said(&format!("[[arm]]\nname = \"x\"\njudged = false\n{few}"));
+    assert!(silent.len() == 1 && silent[0].contains("no arm is judged"), "{silent:?}");
 }
 
 #[test]
@@ -346,12 +378,12 @@ fn the_other_campaigns_are_as_strict_and_bear_some_faults_without_a_verdict() {
 #[test]
 fn what_is_corrupted_in_a_campaign_is_enough_to_be_read() {
     let all = shipped();
-    let lies = all.iter().find(|it| it.name == "lies").unwrap();
+    let flips = all.iter().find(|it| it.name == "corrupt").unwrap();
     let bytes = |cell: &Cell| (cell.injection.place.map(Place::name), cell.injection.bytes.unwrap_or(0));
-    let corrupt: Vec<_> = lies.cells.iter().filter(|cell| cell.injection.kind == FaultKind::Corrupt).map(bytes).collect();
+    let corrupt: Vec<_> = flips.cells.iter().filter(|cell| cell.injection.kind == FaultKind::Corrupt).map(bytes).collect();
     let least = |place: &str| corrupt.iter().filter(|(at, _)| *at == Some(place)).map(|(_, bytes)| *bytes).min();
     assert_eq!(["page", "stream", "link", "roster"].map(least), [4_096, 4_096, 64, 512].map(Some));
-    assert!(lies.cells.iter().all(|cell| cell.injection.check().is_ok()));
+    assert!(flips.cells.iter().all(|cell| cell.injection.check().is_ok()));
     // Whichever file it stands in: the device's stood in another one.
     let both = |cell: &Cell| [Some(cell.injection.clone()), cell.with.clone()];
     let injections = all.iter().flat_map(|it| &it.cells).flat_map(both).flatten();

@@ -24,6 +24,7 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
         1 => (Verdict::Broken, "A promise was broken"),
         3 => (Verdict::Unknown, "Nothing can be said of every promise"),
         _ if judgement.done < judgement.planned => (Verdict::Unknown, "No promise was broken so far; the plan is not through"),
+        _ if !judgement.cells.iter().any(|cell| cell.judged) => (Verdict::Figures, "No promise was judged"),
         _ => (Verdict::Held, "Every promise held"),
     };
     let mut page = format!(

@@ -3,7 +3,7 @@
 //!
 //! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
 //! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
-//! before its batch was through (Ctrl-C, stations that do not come up).
+//! before its batch was through (Ctrl-C, stations that do not come up, a disk that takes no results).
 
 pub mod bounds;
 pub mod cell;
@@ -57,7 +57,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
         say(args.json, &plan.text());
     }
     let blind = fit::warn_of_blind(&campaign).map(str::to_string);
-    campaign.cannot_show().iter().chain(&blind).for_each(|line| eprintln!("hystation: {line}"));
+    campaign.cannot_show().iter().chain(&blind).for_each(|line| warn(line));
     if args.plan {
         return Ok(0);
     }
@@ -68,7 +68,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     if !matches!(code, Ok(0))
         && let Some(folder) = store.keep()
     {
-        eprintln!("hystation: what came of it is kept in {}", folder.display());
+        warn(&format!("what came of it is kept in {}", folder.display()));
     }
     code
 }
@@ -95,13 +95,19 @@ fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, 
     let judged = |outcomes| judge::judge(campaign, plan, outcomes, &store.stations, stopped.as_deref());
     let mut judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
     fit::note_blind(&mut judgement, campaign, &store.stations);
-    report(&judgement, store)?;
+    // Said before it is written: what a full disk does not take is seen all the same.
     if args.json {
         say(false, &format!("{:#}\n", serde_json::to_value(&judgement).unwrap_or_default()));
     } else {
         say(false, &text::text(&judgement));
     }
-    Ok(judgement.exit_code)
+    let written = report(&judgement, store).inspect_err(|refusal| warn(&refusal.message));
+    Ok(concluded(judgement.exit_code, written.is_ok()))
+}
+
+/// The exit code of a judgement, and whether its reports could be written: a promise that was broken is, and any other run is not through without them.
+fn concluded(exit_code: u8, is_written: bool) -> u8 {
+    if is_written || exit_code == 1 { exit_code } else { 3 }
 }
 
 fn report(judgement: &Judgement, store: &Store) -> Result<(), Refusal> {
@@ -116,4 +122,21 @@ fn report(judgement: &Judgement, store: &Store) -> Result<(), Refusal> {
 fn say(json: bool, text: &str) {
     // A reader that has gone (`| head`) has read what it wanted; the faults go on.
     let _ = if json { std::io::stderr().write_all(text.as_bytes()) } else { std::io::stdout().write_all(text.as_bytes()) };
+}
+
+/// Says a line on stderr. A terminal that has gone, as that of a line over SSH which was cut, takes none: what the run came to is written all the same.
+fn warn(line: &str) {
+    let _ = writeln!(std::io::stderr(), "hystation: {line}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::concluded;
+
+    /// A disk that took no report ended with 1, as a broken promise does.
+    #[test]
+    fn a_report_that_cannot_be_written_breaks_no_promise_and_hides_none() {
+        assert_eq!([0, 1, 3].map(|code| concluded(code, true)), [0, 1, 3]);
+        assert_eq!([0, 1, 3].map(|code| concluded(code, false)), [3, 1, 3]);
+    }
 }

@@ -135,10 +135,14 @@ pub fn excess(judgement: &Judgement, arm: &str) -> String {
 /// The distribution of a time for each cell, ms, by its logarithm: a dot for each fault, a bar at the median.
 pub fn times(judgement: &Judgement, arm: &str, label: &str, list: impl Fn(&Figures) -> &[f64]) -> String {
     let rows: Vec<&Figures> = judgement.cells.iter().filter(|figures| figures.arm == arm && !list(figures).is_empty()).collect();
-    let scale = Scale { from: 0.1, to: 20_000.0, by_logarithm: true };
+    // A start that hangs takes an ordinary process three minutes.
+    let scale = Scale { from: 0.1, to: 200_000.0, by_logarithm: true };
     let height = HEAD + FOOT + rows.len() as f64 * ROW;
-    let mut svg =
-        scale.grid(height, &[0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0], "ms (what is below 0.1 ms lies at the left edge)");
+    let mut svg = scale.grid(
+        height,
+        &[0.1, 1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0],
+        "ms (what is below 0.1 ms lies at the left edge)",
+    );
     for (row, figures) in rows.iter().enumerate() {
         let (y, colour) = (HEAD + (row as f64 + 0.5) * ROW, role_colour(&figures.name));
         svg.push_str(&name(row, &figures.name, "#1f2937"));

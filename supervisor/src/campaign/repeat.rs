@@ -8,8 +8,8 @@ use super::file::Campaign;
 use super::judge::{Figures, Verdict, judge};
 use super::outcome::{Ending, Outcome};
 use super::runner::Runner;
-use super::say;
 use super::store::Store;
+use super::{say, warn};
 use crate::settings::Refusal;
 use hyst_messages::TICK_NS;
 use serde_json::json;
@@ -35,7 +35,7 @@ impl Runner<'_> {
         let cell = self.campaign.cell(&entry.cell);
         let (Some(outcome), Some(cell)) = (found, cell) else {
             let why = if station.trouble.is_empty() { "interrupted" } else { &station.trouble };
-            eprintln!("hystation: fault {index} was not injected: {why}");
+            warn(&format!("fault {index} was not injected: {why}"));
             return Ok(3);
         };
         let judgement =

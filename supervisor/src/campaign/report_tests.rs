@@ -131,6 +131,20 @@ fn every_report_names_build_machine_and_days() {
     assert_eq!(json["origins"][0]["origin"]["build"], "0123456789abcdef");
 }
 
+/// A campaign of which no arm was judged ended with the words that every promise held.
+#[test]
+fn where_no_promise_was_judged_none_is_said_to_have_held() {
+    let judged = Judgement { done: 83, ..judgement() };
+    let silent = Judgement { cells: vec![Figures { judged: false, ..judged.cells[0].clone() }], ..judged.clone() };
+    let ends = |judgement: &Judgement| (text::text(judgement), html::html(judgement, &[], &[]));
+    for (judgement, in_text, on_page) in
+        [(&judged, "every promise held", "Every promise held"), (&silent, "no promise was judged", "No promise was judged")]
+    {
+        let (text, page) = ends(judgement);
+        assert!(text.contains(in_text) && page.contains(on_page), "{in_text}: {text}");
+    }
+}
+
 #[test]
 fn what_a_run_left_is_the_last_faults_who_had_it() {
     let campaign = file::parse("t", "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\", \"recorder\"]\ncount = 2\n").unwrap();

@@ -7,7 +7,7 @@ use super::outcome::Outcome;
 use super::session::{Session, Trouble};
 use super::station::StationOutcome;
 use super::store::Store;
-use super::{fit, say, text};
+use super::{fit, say, text, warn};
 use crate::settings::Refusal;
 use hyst_exchange::{Station, system};
 use std::path::Path;
@@ -95,7 +95,7 @@ impl Runner<'_> {
             let _ = std::fs::remove_file(&recording);
         }
         if let Some(error) = trouble {
-            eprintln!("hystation: run {run}: {error}");
+            warn(&format!("run {run}: {error}"));
             if !matches!(error, Trouble::Interrupted) {
                 station.trouble = error.to_string();
             }

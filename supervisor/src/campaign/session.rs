@@ -232,11 +232,14 @@ impl Session {
     /// Injects the fault, and the one in whose recovery it is to come, and waits until they are closed.
     fn hurt_at(&mut self, outcome: &mut Outcome, entry: &Entry, cell: &Cell, tick: u64) -> Result<(), Trouble> {
         let sent_ns = system::now_ns();
-        let first = cell.with.as_ref().map(|with| self.inject(with, tick, entry.phase_us));
-        let tick = if cell.with.is_some() { tick + entry.with_ticks } else { tick };
         // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
-        let seed = cell.injection.place.map(|_| cell.injection.seed.unwrap_or(entry.index as u64));
-        let injection = Injection { seed, ..cell.injection.clone() };
+        let seeded = |injection: &Injection| {
+            let seed = injection.place.map(|_| injection.seed.unwrap_or(entry.index as u64));
+            Injection { seed, ..injection.clone() }
+        };
+        let first = cell.with.as_ref().map(|with| self.inject(&seeded(with), tick, entry.phase_us));
+        let tick = if cell.with.is_some() { tick + entry.with_ticks } else { tick };
+        let injection = seeded(&cell.injection);
         let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
         let done = first.transpose().and_then(|_| self.inject(&injection, tick, entry.phase_us));
         let asked = |by_ns: u64, struck_ns| Asked { sent_ns, by_ns: by_ns.max(first_by_ns.unwrap_or(0)), struck_ns };

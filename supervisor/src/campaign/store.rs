@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// An open folder.
@@ -29,6 +29,8 @@ pub struct Store {
     pub stations: Vec<StationOutcome>,
 }
 
+/// Exit code of a run that is not through.
+const UNKNOWN: u8 = 3;
 /// The file that says what the results are of.
 const PLAN: &str = "plan.json";
 /// Passing folders of one process id that are tried: each was kept by a campaign before this one.
@@ -40,7 +42,7 @@ fn passing() -> Result<PathBuf, Refusal> {
     for path in (0..MOST_PASSING).map(named) {
         match std::fs::create_dir(&path) {
             Ok(()) => return Ok(path),
-            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(error) => return Err(Refusal::failed(format!("{}: {error}; give --report FOLDER", path.display()))),
         }
     }
@@ -49,6 +51,11 @@ fn passing() -> Result<PathBuf, Refusal> {
 
 fn refuse(path: &Path, what: &str) -> Refusal {
     Refusal::input(format!("--report {}: {what}", path.display()))
+}
+
+/// What could not be written: no promise is broken by that, and the run ends before it is through.
+fn lost(path: &Path, why: &dyn std::fmt::Display) -> Refusal {
+    Refusal { code: UNKNOWN, message: format!("{}: {why}; is the disk full?", path.display()) }
 }
 
 impl Store {
@@ -138,17 +145,17 @@ impl Store {
     }
 
     fn append(&self, name: &str, line: &impl Serialize) -> Result<(), Refusal> {
-        let failed = |e: String| Refusal::failed(format!("{}: {e}; is the disk full?", self.folder.join(name).display()));
-        let text = serde_json::to_string(line).map_err(|e| failed(e.to_string()))?;
-        let file = std::fs::OpenOptions::new().append(true).create(true).open(self.folder.join(name));
+        let path = self.folder.join(name);
+        let text = serde_json::to_string(line).map_err(|e| lost(&path, &e))?;
+        let file = std::fs::OpenOptions::new().append(true).create(true).open(&path);
         let written = file.and_then(|mut file| file.write_all(format!("{text}\n").as_bytes()).and_then(|()| file.sync_data()));
-        written.map_err(|e| failed(e.to_string()))
+        written.map_err(|e| lost(&path, &e))
     }
 
     /// Writes a file of the report.
     pub fn write(&self, name: &str, text: &str) -> Result<(), Refusal> {
         let path = self.folder.join(name);
-        whole::write(&path, text.as_bytes()).map_err(|e| Refusal::failed(format!("{}: {e}; is the disk full?", path.display())))
+        whole::write(&path, text.as_bytes()).map_err(|e| lost(&path, &e))
     }
 }
 
@@ -160,18 +167,24 @@ impl Drop for Store {
     }
 }
 
-/// The lines of a file; half a line at the end, of a campaign that was killed while it wrote, is cut off.
+/// The lines of a file; half a line at the end, of a campaign that was killed while it wrote, is cut off. One that is there and cannot be read is no empty one:
+/// its faults would be injected once more, and their lines mixed with those that nobody saw.
 fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refusal> {
     let path = folder.join(name);
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
-    let length = text.rfind('\n').map_or(0, |at| at + 1);
-    if length < text.len() {
-        whole::write(&path, &text.as_bytes()[..length]).map_err(|e| refuse(&path, &e.to_string()))?;
+    let cure = "give another folder, or remove this one";
+    let bytes = match std::fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(refuse(folder, &format!("{name}: {error}; {cure}"))),
+    };
+    let length = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    if length < bytes.len() {
+        whole::write(&path, &bytes[..length]).map_err(|e| refuse(&path, &e.to_string()))?;
     }
     let mut found = Vec::new();
-    for (index, line) in text[..length].lines().enumerate() {
-        let cure = "give another folder, or remove this one";
-        found.push(serde_json::from_str(line).map_err(|e| refuse(folder, &format!("{name}, line {}: {e}; {cure}", index + 1)))?);
+    for (index, line) in bytes[..length].split_inclusive(|byte| *byte == b'\n').enumerate() {
+        found
+            .push(serde_json::from_slice(line).map_err(|e| refuse(folder, &format!("{name}, line {}: {e}; {cure}", index + 1)))?);
     }
     Ok(found)
 }
@@ -238,9 +251,49 @@ mod tests {
         drop(again);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
         std::fs::write(&results, whole.repeat(2)).unwrap();
-        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 2, "two campaigns wrote them");
+        let mut both = Store::open(Some(&folder), &plan).unwrap();
+        assert_eq!(both.outcomes.len(), 2, "two campaigns wrote them");
+        std::fs::remove_file(&results).unwrap();
+        std::fs::create_dir(&results).unwrap(); // it takes no line
+        let unwritten = both.add(Outcome::of(&plan.faults[2])).unwrap_err();
+        assert!(
+            unwritten.code == 3 && unwritten.message.contains("results.jsonl"),
+            "no promise is broken: {}",
+            unwritten.message
+        );
+        std::fs::remove_dir(&results).unwrap();
+        drop(both);
         std::fs::write(&results, "{}\n").unwrap();
         assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A byte that was no text any more, or a file that could not be read, made an empty one of it: all of its faults came once more.
+    #[test]
+    fn results_that_cannot_be_read_are_refused_and_half_a_character_at_the_end_is_half_a_line() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
+        let plan = draw::plan(&file::parse("t", text).unwrap(), 1);
+        let folder = std::env::temp_dir().join(format!("hystation-unread-{}", std::process::id()));
+        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let reason = String::from("an exclamation mark of another script: \u{ff01}");
+        store.add(Outcome { reason, ..Outcome::of(&plan.faults[0]) }).unwrap();
+        drop(store);
+        let results = folder.join("results.jsonl");
+        let whole = std::fs::read(&results).unwrap();
+        let cut = whole.iter().position(|byte| *byte == 0xef).unwrap() + 1; // the first of the three bytes that it takes
+        std::fs::write(&results, [&whole[..], &whole[..cut]].concat()).unwrap();
+        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 1);
+        assert_eq!(std::fs::read(&results).unwrap(), whole);
+        let mut flipped = whole.clone();
+        flipped[cut] = 0xff;
+        std::fs::write(&results, &flipped).unwrap();
+        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        assert!(refused.code == 2 && refused.message.contains("results.jsonl, line 1"), "{}", refused.message);
+        assert_eq!(std::fs::read(&results).unwrap(), flipped, "it is as it was");
+        std::fs::remove_file(&results).unwrap();
+        std::fs::create_dir(&results).unwrap(); // nobody reads that, root neither
+        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        assert!(refused.code == 2 && refused.message.contains("results.jsonl: "), "{}", refused.message);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -70,7 +70,7 @@ pub struct InjectArgs {
     /// corrupt: how many bytes.
     #[arg(long)]
     pub bytes: Option<u32>,
-    /// corrupt: what they are drawn from.
+    /// corrupt: what they are drawn from. Default: another number each time, which the events say.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Whom it hit, and when, as JSON.

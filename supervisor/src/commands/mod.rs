@@ -19,6 +19,7 @@ use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
 use hyst_exchange::Station;
 use hyst_messages::Role;
+use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -27,7 +28,7 @@ pub fn run(cli: Cli) -> ExitCode {
     match choose(cli) {
         Ok(code) => ExitCode::from(code),
         Err(refusal) => {
-            eprintln!("hystation: {}", refusal.message);
+            let _ = writeln!(std::io::stderr(), "hystation: {}", refusal.message); // a terminal that has gone reads nothing
             ExitCode::from(refusal.code)
         }
     }

@@ -6,6 +6,7 @@
 
 use super::no_station;
 use crate::control::{NoAnswer, Request, ask_once};
+use crate::policy::Cause;
 use crate::remains;
 use crate::settings::Refusal;
 use crate::swap::{Record, kept, role_of};
@@ -37,6 +38,7 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
         println!("{text}");
     } else {
         print!("{}", table(&record));
+        has_printed(station, &record).iter().for_each(|hint| eprintln!("hystation: {hint}"));
     }
     Ok(u8::from(record.promoted != Some(true)))
 }
@@ -73,7 +75,12 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
 fn wait(station: &Station, number: u64, interrupted: &AtomicBool) -> Result<Record, Refusal> {
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
-        match Record::read(station).filter(|record| record.number == number) {
+        match Record::read(station) {
+            // There is one record: somebody was quicker than the next look.
+            Some(next) if next.number != number => {
+                let since = format!("swap {} of {} was begun since", next.number, next.role);
+                return Err(Refusal::failed(format!("{since}; `hystation logs` says how swap {number} ended")));
+            }
             Some(record) if record.promoted.is_some() => return Ok(record),
             None => {
                 return Err(Refusal::failed("the station has ended, how the swap ended is not known; start it and swap again"));
@@ -109,6 +116,13 @@ fn begun_meanwhile(station: &Station, before: u64, binary: &Path) -> Option<u64>
     None
 }
 
+/// Where the words of a newcomer are that was rolled back for its own sake: its author asks for them next.
+fn has_printed(station: &Station, record: &Record) -> Option<String> {
+    let is_its_own = record.cause.is_some_and(|cause| !matches!(cause, Cause::NoTime | Cause::Interrupted));
+    let hint = || format!("what it printed is in `hystation --name {} logs {}`", station.name(), record.slot);
+    (record.promoted == Some(false) && is_its_own).then(hint)
+}
+
 /// What happened, as lines of plain text.
 pub fn table(record: &Record) -> String {
     let [binary, before] = [&record.binary, &record.before].map(|path| kept::name_of(path));
@@ -139,5 +153,30 @@ mod tests {
         assert!(over.write(&station));
         assert_eq!(wait(&station, 3, &interrupted), Ok(over), "it has ended, and one is told how");
         station.wipe();
+    }
+
+    /// It was said that the station had ended.
+    #[test]
+    fn whoever_waits_for_a_swap_that_another_one_has_followed_is_told_so() {
+        let station = Station::named(&format!("t{}-next-swap", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let waits = || wait(&station, 3, &AtomicBool::new(false)).unwrap_err();
+        assert!(waits().message.contains("the station has ended"), "nobody has written anything");
+        assert!(Record { number: 4, ..record() }.write(&station));
+        let refusal = waits();
+        assert!(refusal.code == 1 && refusal.message.contains("swap 4 of fluid was begun since"), "{refusal:?}");
+        station.wipe();
+    }
+
+    #[test]
+    fn whoever_wrote_an_engine_that_is_rolled_back_is_told_where_its_words_are() {
+        let station = Station::named("words").unwrap();
+        let ended = |promoted: bool, cause: Option<Cause>| Record { promoted: Some(promoted), cause, ..record() };
+        let hint = has_printed(&station, &ended(false, Some(Cause::Died))).unwrap();
+        assert!(hint.contains("`hystation --name words logs fluid:2`"), "{hint}");
+        for record in [ended(true, None), ended(false, Some(Cause::NoTime)), ended(false, Some(Cause::Interrupted)), record()] {
+            assert_eq!(has_printed(&station, &record), None, "{record:?}");
+        }
     }
 }

@@ -160,8 +160,8 @@ impl FaultKind {
         (
             FaultKind::Corrupt,
             "corrupt",
-            "--bytes bytes (16), drawn from --seed, are flipped in its --where: page, stream, link (its connections), checkpoint, or in \
-             the station's page or roster",
+            "--bytes bytes (16), drawn from --seed (another each time), are flipped in its --where: page, stream, link (its connections), \
+             checkpoint, or in the station's page or roster",
         ),
         (
             FaultKind::DiskFull,
@@ -259,9 +259,8 @@ impl FaultKind {
 
     /// Whether a time can be given with it: it lasts, and ends by itself when that is over.
     pub(crate) fn takes_duration(self) -> bool {
-        let at_once =
-            [FaultKind::Kill, FaultKind::Cont, FaultKind::Segfault, FaultKind::Abort, FaultKind::Corrupt, FaultKind::Undo];
-        !at_once.contains(&self)
+        use FaultKind::{Abort, Cont, Corrupt, Exit0, Exit1, Kill, Panic, Segfault, Undo};
+        !matches!(self, Kill | Cont | Segfault | Abort | Exit0 | Exit1 | Panic | Corrupt | Undo)
     }
 
     /// Whether it publishes what is not so.

@@ -121,6 +121,10 @@ impl Injection {
             () if !within(factor, 1.0..=100.0) => refuse("factor: a number from 1 to 100"),
             () if !within(extra_s, 0.0..=10.0) => refuse("extra: seconds between 0 and 10"),
             () if !within(jitter, 0.0..=1.0) => refuse("jitter: a share from 0 to 1"),
+            // What is asked for is whole percent and whole microseconds.
+            () if is_slow && factor.unwrap_or(1.0) < 1.01 && extra_s.unwrap_or(0.0) < 1e-6 => {
+                refuse("slow by nothing: a factor of 1.01, or an extra time of 1 us, is the least that is felt")
+            }
             () if !within(self.rate, 1.0..=most_rate) => Err(format!("rate: a number from 1 to {most_rate} per second")),
             () if !within(self.times, 1..=20) => refuse("times: a number from 1 to 20"),
             () if !within(self.bytes, 1..=1 << 20) => refuse("bytes: a number from 1 to 1048576"),
@@ -223,7 +227,8 @@ mod tests {
     fn a_duration_is_refused_by_what_is_done_in_an_instant() {
         for (kind, _, _) in FaultKind::ALL {
             let refused = checked(kind.name(), "recorder", |it| it.for_s = Some(1.0)).is_err_and(|why| why.contains("instant"));
-            let is_instant = ["kill", "cont", "segfault", "abort", "corrupt", "undo"].contains(&kind.name());
+            let instants = ["kill", "cont", "segfault", "abort", "exit0", "exit1", "panic", "corrupt", "undo"];
+            let is_instant = instants.contains(&kind.name());
             // One that the recorder cannot do is refused for that.
             assert!(refused == is_instant, "{}", kind.name());
         }
@@ -236,6 +241,13 @@ mod tests {
         assert!(checked("kill", "tissue", |it| it.times = Some(5)).unwrap_err().contains("crash-loop"));
         assert!(checked("kill", "tissue", |it| it.seed = Some(5)).unwrap_err().contains("corrupt"));
         assert!(checked("leak-memory", "tissue", |it| it.rate = Some(f64::NAN)).is_err());
+        let slow = |factor: Option<f64>, extra_s: Option<f64>| {
+            checked("slow", "tissue", |it| (it.for_s, it.factor, it.extra_s, it.jitter) = (Some(1.0), factor, extra_s, Some(1.0)))
+        };
+        for (factor, extra_s) in [(Some(1.0), None), (None, Some(0.0)), (Some(1.004), Some(4e-7))] {
+            assert!(slow(factor, extra_s).unwrap_err().contains("slow by nothing"), "{factor:?} {extra_s:?}");
+        }
+        assert!(slow(Some(1.01), None).is_ok() && slow(Some(1.0), Some(1e-6)).is_ok() && slow(None, Some(0.002)).is_ok());
         assert!(checked("crash-loop", "tissue", |it| it.times = Some(0)).is_err());
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
         assert!(checked("corrupt", "haptic", |it| it.place = Some(Place::Checkpoint)).unwrap_err().contains("no state"));

@@ -1,6 +1,8 @@
 //! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
 
+mod again;
 mod half;
+mod instead;
 
 use super::Faults;
 use crate::active::active_now;
@@ -59,6 +61,9 @@ impl Faults {
             system::sleep_until_ns(moment_ns.saturating_sub(AIM_NS));
         }
         let victims = self.victims(target, injection, viewer)?;
+        if kind == FaultKind::Cont {
+            again::check(&victims)?;
+        }
         self.note_active(system::now_ns(), viewer);
         let hinders = kind.mischief().is_some_and(|what| what.is_of_start());
         if hinders {
@@ -85,6 +90,7 @@ impl Faults {
             self.undo_all(&victims, injection, now_ns)?;
             return Ok(struck);
         }
+        self.displace(&victims, kind, now_ns);
         self.do_to_all(&victims, injection, now_ns, target.which == Which::Both)?;
         // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
         let doing = Some(Doing::of(&self.station, &self.slots, viewer));
@@ -100,6 +106,10 @@ impl Faults {
         let until_ns = Some(injection.for_s.map_or(0, |for_s| now_ns + (for_s * 1e9) as u64));
         match injection.kind {
             kind @ (FaultKind::Oom | FaultKind::NoFiles) => {
+                let is_of = |fault: &Fault| (fault.slot, fault.incarnation) == (victim.slot.number(), victim.incarnation);
+                if self.open.faults.iter().any(|fault| is_of(fault) && fault.is(kind) && fault.lowered.is_some()) {
+                    return Err(shortage::already(kind, victim.slot));
+                }
                 let lowered = Some(shortage::lower(victim.pid, kind)?);
                 self.ask(victim, injection, now_ns);
                 Ok(Deed { until_ns, lowered, manifested: kind == FaultKind::NoFiles, ..Deed::default() })
@@ -126,6 +136,9 @@ impl Faults {
         let kind = injection.kind;
         let line = format!("fault {} injected into {slot} (incarnation {incarnation}, pid {pid}){}", kind.name(), deed.said);
         journal::say(&self.station, &line);
+        if kind == FaultKind::Cont {
+            self.end_stop(victim, now_ns);
+        }
         let fault = self.start(kind.name(), slot, incarnation, now_ns);
         fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
         (fault.output, fault.thread) = (injection.output, injection.thread);

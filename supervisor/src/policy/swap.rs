@@ -118,13 +118,15 @@ impl State {
             return Err(format!("a swap of {} is under way; wait for its end", swap.role().name()));
         }
         if !self.places.contains_key(&slot) {
-            return Err(format!("this station has no {}", slot.role().name()));
+            let (name, has_another) = (slot.role().name(), self.places.keys().any(|other| other.role() == slot.role()));
+            let alone = format!("this station has one {name}, and that is swapped beside another one; start it with spares");
+            return Err(if has_another { alone } else { format!("this station has no {name}") });
         }
         let of_role = self.places.keys().filter(|other| other.role() == slot.role() && !other.is_guest());
         match of_role.copied().find(|other| !self.is_ready(*other)) {
             Some(other) => Err(format!("{other} is not ready now; wait until it is back")),
             None if self.ladders.get(&slot.role()).is_some_and(|ladder| ladder.is_held()) => {
-                Err(format!("{} is held still", slot.role().name()))
+                Err(format!("{} is held still; wait until it makes steps again", slot.role().name()))
             }
             None => Ok(()),
         }

@@ -26,6 +26,8 @@ const SHORT_STEP_TICKS: u32 = 4;
 const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
+/// States in a row of a newcomer whose step is of another length than the old engine's, after which it is said that there is nothing to compare.
+const MOST_UNLIKE: u32 = 30;
 
 /// What the judge has seen so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -68,6 +70,10 @@ struct Pairs {
     role: (u32, u64),
     line: u64,
     leapt: Option<u64>,
+    /// The newest steps of the old engine and of the newcomer, ticks; states of that in a row by which they differed; whether both had a state of one tick.
+    steps: [u32; 2],
+    unlike: u32,
+    has_met: bool,
     /// Contact models of ticks, and what was seen of them.
     models: BTreeMap<u64, [Option<ContactModel>; 2]>,
     felt: Seen,
@@ -80,6 +86,7 @@ impl Pairs {
     fn take(&mut self, kind: Kind, bytes: &[u8], guest: u32) {
         let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
         self.follow(&header, guest);
+        self.note_steps(&header, guest);
         if self.leapt.is_some_and(|leapt| header.tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
@@ -95,11 +102,32 @@ impl Pairs {
             && old.is_shadow != new.is_shadow
         {
             let found = compare(kind, &old.bytes, &new.bytes);
+            self.has_met = true;
             self.waiting.remove(&header.tick);
             self.note(found.map(said));
         }
         while self.waiting.len() > MOST_WAITING {
             self.waiting.pop_first();
+        }
+    }
+
+    /// Looks how long the steps of both sides are. Where they differ a newcomer may make states of other ticks than the old engine, and is out of tolerance
+    /// then: however long it is waited for, there is nothing to compare.
+    fn note_steps(&mut self, header: &StreamHeader, guest: u32) {
+        let is_guest = header.incarnation == guest;
+        if header.step_ticks == 0 || self.has_met {
+            return; // nothing was computed for this tick, or they meet now and then
+        }
+        self.steps[usize::from(is_guest)] = header.step_ticks;
+        let [old, new] = self.steps;
+        if is_guest {
+            self.unlike = if old == 0 || old == new { 0 } else { self.unlike + 1 };
+        }
+        if is_guest && self.unlike >= MOST_UNLIKE {
+            let cure = "take the step of the state that it goes on from (`step_ticks` of its header)";
+            let text =
+                format!("its steps are of {new} ticks and the old engine's of {old}, and they have no tick in common; {cure}");
+            self.seen.note((f64::INFINITY, text));
         }
     }
 
@@ -330,6 +358,30 @@ mod tests {
         let far = leapt + FORGET_TICKS + 33 + 33 * (LOST + 1);
         assert_eq!(both(7, far), 5, "the old engine leapt");
         assert_eq!(both(7, far + FORGET_TICKS), 6);
+    }
+
+    /// It was waited for for a minute, and then it was said that it could not be compared in time.
+    #[test]
+    fn a_newcomer_whose_steps_never_meet_the_old_engines_is_told_so_and_one_whose_steps_do_is_compared() {
+        let with_step = |mut bytes: Vec<u8>, step_ticks: u32| {
+            hyst_messages::stream::change_header(&mut bytes, |header| header.step_ticks = step_ticks);
+            bytes
+        };
+        let shown = |step_ticks: u32, changes_at: u64| {
+            let mut pairs = Pairs::default();
+            for turn in 0..40 {
+                let (now, step) = (66 * turn, if turn < changes_at { step_ticks } else { 66 });
+                pairs.take(Kind::FluidState, &with_step(state(4, 6, now, 9_000.0), 66), 17);
+                pairs.take(Kind::FluidState, &with_step(state(0, 17, now + u64::from(step), 9_000.0), step), 17);
+            }
+            pairs.seen()
+        };
+        let apart = shown(33, u64::MAX);
+        assert!(apart.outside >= 3 && apart.text.starts_with("its steps are of 33 ticks"), "{apart:?}");
+        for (step_ticks, changes_at) in [(33, 20), (66, 0), (132, u64::MAX)] {
+            let seen = shown(step_ticks, changes_at);
+            assert!(seen.outside == 0 && seen.compared > 10, "{step_ticks}: {seen:?}");
+        }
     }
 
     #[test]

@@ -325,6 +325,15 @@ mod by_hand {
         );
     }
 
+    /// Without spares it was said that the station had no servo.
+    #[test]
+    fn a_servo_beside_which_there_is_no_other_is_not_swapped_and_it_is_said_why() {
+        let [first, second] = [0, 1].map(|index| Slot::new(Role::Haptic, index).unwrap());
+        let refused = |slots: &[Slot]| State::new(slots).may_swap(second).unwrap_err();
+        assert!(refused(&[first]).contains("swapped beside another one"), "{}", refused(&[first]));
+        assert!(refused(&tissues()[..1]).contains("this station has no haptic"));
+    }
+
     #[test]
     fn one_that_dies_in_any_state_leaves_nothing_to_do_and_nobody_in_its_slot() {
         let ([_, _, guest], role) = (tissues(), Role::Tissue);

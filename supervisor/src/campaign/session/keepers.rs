@@ -2,6 +2,7 @@
 //! the station over from the stand-in, or from nobody if the supervisor died with it.
 
 use super::{LOOK_NS, Session};
+use crate::campaign::warn;
 use crate::fault::Fault;
 use crate::faultfile::{Injection, Keepers};
 use crate::keepers::Hurt;
@@ -24,7 +25,11 @@ impl Session {
         if keepers == Keepers::Supervisor || injection.for_s.is_some() && hurt.is_outlived() {
             return Ok(hurt.struck_ns);
         }
-        self.await_end()?;
+        if let Err(reason) = self.await_end() {
+            // It was done, and nobody closes it: that is told of as a fault without an end, and not as one that was refused.
+            warn(&reason);
+            return Ok(hurt.struck_ns);
+        }
         if keepers == Keepers::Guardian {
             self.await_stand_in();
         }
