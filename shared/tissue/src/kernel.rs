@@ -5,10 +5,8 @@
 //! never grows when R is replaced by a rotation with a larger tr(RᵀF), but brakes bodies that turn while R is frozen. With β = 0
 //! turning is free, but a stretched element gains energy when its R catches up. For a turn by a small angle about an
 //! eigenvector of tr(S)·1 − S with eigenvalue g, catching up changes the energy by (μ(1−β)g² − 2μg + pg)·angle²/2: the smallest β
-//! that keeps this from being positive is taken. At rest it is 0. But g and p are those of the step's begin, and of an element that
-//! vibrates at its end they are larger now and then: about a strain that stays such gains would keep a fine mesh in motion for ever.
-//! So 1 − β is divided by 1 + 10·|F − R|², which leaves a body that turns without strain as free as it is. Promise: the second
-//! derivative in F never exceeds the one that [`bound`](crate::bound) starts from, whatever β, R and F.
+//! that keeps this from being positive is taken. At rest it is 0. Promise: the second derivative in F never exceeds the one
+//! that [`bound`](crate::bound) starts from, whatever β, R and F.
 
 #![allow(clippy::needless_range_loop)] // indices are those of the formulas
 
@@ -22,8 +20,6 @@ const VELOCITY_FLUSH_M_S: f32 = 1e-20;
 
 /// Smallest μ·g that is divided by, Pa: an element this small in every direction turns without effect.
 const G_MIN: f32 = 1e-6;
-/// By how much of its squared strain 1 − β is made smaller.
-const STRAIN_MARGIN: f32 = 10.0;
 /// Smallest λ that is divided by, Pa.
 const LAMBDA_MIN_PA: f32 = 1e-20;
 /// Where the three columns of the symmetric metric lie among its six rows.
@@ -170,9 +166,7 @@ fn add_sums<S: Lanes>(
     let mean = trace * third;
     let deviation = mean.nfma(mean, size * third).max(zero).sqrt();
     let largest = F::splat(simd, 2.0f32.sqrt()).fma(deviation, mean + mean);
-    let most = (largest * mu).max(F::splat(simd, G_MIN));
-    let margin = F::splat(simd, STRAIN_MARGIN).fma(squared, one);
-    let free = (two_mu - pressure).min(most) * (most * margin).recip();
+    let free = (two_mu - pressure) * (largest * mu).max(F::splat(simd, G_MIN)).recip();
     // 1 − β, kept in 0..1; an inverted element, whose rotation may jump, gets β = 1.
     let free = found.orientation.if_greater(zero, free.min(one).max(zero), zero);
     one - F::splat(simd, 0.5) * free

@@ -5,21 +5,17 @@ mod common;
 
 use common::{Body, block, noise, options};
 use hyst_mesh::boundary;
-use hyst_tissue::{Material, Model, Options, Pressure, StepInput, StepReport, pressure_forces};
+use hyst_tissue::{Material, Model, Pressure, StepInput, StepReport, pressure_forces};
 
 /// Less than that of the shape at rest, as much as the Main Loop takes.
 const LOW_PA: f32 = -2_000.0;
 
 /// A soft block, standing on a face that is held or free, and the triangles of its boundary without held nodes.
 fn wall(is_held: bool, damping_per_s: f64) -> (Body, Vec<[u32; 3]>) {
-    wall_of(0.002, Material::new(9_000.0, 0.45, 1050.0, damping_per_s).unwrap(), is_held, options())
-}
-
-/// The same of a material, in cubes of an edge.
-fn wall_of(edge_m: f32, material: Material, is_held: bool, options: Options) -> (Body, Vec<[u32; 3]>) {
-    let mesh = block([5, 5, 3], edge_m);
+    let mesh = block([5, 5, 3], 0.002);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|place| is_held && place[2] == 0.0).collect();
-    let (model, _) = Model::new(&mesh, &fixed, &material, options).unwrap();
+    let material = Material::new(9_000.0, 0.45, 1050.0, damping_per_s).unwrap();
+    let (model, _) = Model::new(&mesh, &fixed, &material, options()).unwrap();
     let mut triangles = boundary(&mesh).triangles;
     triangles.retain(|triangle| triangle.iter().all(|node| !fixed[*node as usize]));
     (Body::new(model), triangles)
@@ -55,31 +51,6 @@ fn a_soft_wall_comes_to_rest_and_one_whose_forces_are_held_for_a_step_shakes() {
     let [(law_m_s, corrections), (held_m_s, _)] = speeds_m_s;
     assert!(law_m_s < 0.05 && corrections == 0, "{law_m_s} m/s after 0.5 s, {corrections} corrections");
     assert!(held_m_s > 0.5, "held forces shake nothing here: {held_m_s} m/s, and the test shows nothing");
-}
-
-fn kinetic_j(body: &Body) -> f64 {
-    let squared = body.velocity_m_s.iter().map(|v| v.iter().map(|speed| f64::from(*speed).powi(2)).sum::<f64>());
-    squared.zip(body.model.mass_kg()).map(|(squared, mass)| 0.5 * f64::from(*mass) * squared).sum()
-}
-
-/// Mass is added for 8 substeps, with which the stiffest modes have 1.3 in a substep, and the pressure strains the wall by a third: what changes of
-/// rotations feed to its modes there is to be less than what they and the damping take.
-#[test]
-fn a_wall_of_fine_tets_that_stays_strained_comes_to_rest() {
-    let material = Material::new(6_000.0, 0.45, 1050.0, 8.0).unwrap();
-    let options = Options { max_added_mass_ratio: 1.0, ..Options::default() };
-    let (mut body, triangles) = wall_of(0.001, material, true, options);
-    let mut energy_j = [0.0; 2];
-    for (left_j, ticks) in energy_j.iter_mut().zip([50, 450]) {
-        for _ in 0..ticks {
-            let report = step_under(&mut body, &triangles, LOW_PA, 1e-3);
-            assert_eq!((report.substeps, report.corrections()), (8, 0));
-        }
-        *left_j = kinetic_j(&body);
-    }
-    let [early_j, late_j] = energy_j;
-    assert!(early_j > 1e-8, "{early_j} J: nothing moves, and nothing is shown");
-    assert!(late_j < 0.2 * early_j, "{late_j} J after 0.5 s, {early_j} J after 0.05 s");
 }
 
 #[test]
