@@ -88,7 +88,7 @@ fn a_recording_that_says_nothing_of_view_and_healthy_tissue_has_no_value_no_scor
         let metric = metric(&assessment, key);
         assert_eq!((metric.value, metric.score), (None, None), "{key}");
     }
-    assert!(csv.lines().skip(1).all(|line| line.ends_with(",,")), "{csv}");
+    assert!(csv.lines().skip(1).all(|line| line.ends_with(",,,1")), "{csv}");
     let [text, page, json, _] = outputs(&bytes("view-old-forms", &old), 1);
     let line = text.lines().find(|line| line.contains("time with a clear view")).unwrap();
     assert!(line.contains(" – ") && !page.contains("class=\"curve light\""), "{line}");
