@@ -90,7 +90,6 @@ impl Faults {
             self.undo_all(&victims, injection, now_ns)?;
             return Ok(struck);
         }
-        self.displace(&victims, kind, now_ns);
         self.do_to_all(&victims, injection, now_ns, target.which == Which::Both)?;
         // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
         let doing = Some(Doing::of(&self.station, &self.slots, viewer));

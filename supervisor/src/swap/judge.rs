@@ -86,10 +86,10 @@ impl Pairs {
     fn take(&mut self, kind: Kind, bytes: &[u8], guest: u32) {
         let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
         self.follow(&header, guest);
-        self.note_steps(&header, guest);
         if self.leapt.is_some_and(|leapt| header.tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
+        self.note_steps(&header, guest);
         let every = if header.step_ticks <= SHORT_STEP_TICKS { EVERY } else { 1 };
         if !(header.tick / u64::from(header.step_ticks.max(1))).is_multiple_of(every) {
             return;

@@ -84,7 +84,7 @@ fn assert_alarms_and_swaps_stand_above_everything(browser: &mut Browser) {
 const HEAD: &str = r"(() => {
     const text = id => document.getElementById(id).checkVisibility() && document.getElementById(id).textContent;
     const recorded = stands_still => {
-        showRecording({ file: '/a.mcap', ticks: 7, lost: 0, bytes: 2000000, behind_ticks: 5, stands_still });
+        showRecording({ file: '/a.mcap', ticks: 7, lost: 0, bytes: 2000000, behind_ticks: 5, stands_still, free_bytes: null, lasts_s: null });
         return text('recorded');
     };
     const recording = [recorded(null), recorded('no room')];

@@ -36,6 +36,7 @@ impl Faults {
                 Err(reason) => return Err(self.take_back(victims, deeds, injection, now_ns, reason)),
             }
         }
+        self.displace(victims, injection.kind, now_ns); // not before: who is refused ends nothing
         for (victim, deed) in victims.iter().zip(deeds) {
             self.begin(victim, injection, now_ns, deed).together = together;
         }
