@@ -11,7 +11,7 @@ use hyst_messages::mischief::Thread;
 /// A helper that has not got on for so long, as far as it counts, stands still, ns. The slowest comes round ten times a second, and the longest that one was
 /// seen to take for a single thing is 138 ms, for a newcomer's 50 MB on full cores; an ordinary thread gets its turn there many times in so long a time.
 pub const STANDSTILL_NS: u64 = 5_000_000_000;
-/// Most of the time between two looks that counts, ns: more than the period of any engine that is not held up, and no more than the slowest helper's.
+/// Most of the time between two looks that counts, ns: no more than the slowest helper's round. An engine that looks more seldom finds it after 50 looks.
 const MOST_COUNTED_NS: u64 = 100_000_000;
 
 /// A thread that helps an engine.

@@ -105,6 +105,7 @@ impl<S: Stateful> Bad<'_, S> {
                 }
             }
             "garbage" => next.fill(0xa5),
+            "honest" if self.life.mischief().is_some_and(|request| request.what.is_lie()) => std::process::exit(0), // it was asked meanwhile
             _ => {}
         }
     }
