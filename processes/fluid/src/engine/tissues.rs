@@ -1,7 +1,7 @@
 //! What is read of the tissues: their states and topologies, and which of these can be.
 //!
-//! Promise: in use is the newest state that can be and whose topology is there, as the newest of its source. One that cannot be, or whose topology cannot, is refused and counted, and the
-//! one before stays in use with its tick; no step waits for what was refused.
+//! Promise: in use is the newest state that can be and whose topology is there, as the newest of its source. One that cannot be, or whose topology cannot,
+//! is refused and counted, and the one before stays in use with its tick; no step waits for what was refused.
 
 #[cfg(test)]
 mod tests;
