@@ -152,7 +152,7 @@ fn a_loose_piece_is_brought_out_by_who_closes_the_jaws_on_it() {
 
 #[test]
 fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
-    let [good, bad] = sessions("perforation", [("stops", "36s"), ("goes-on", "36s")]);
+    let [good, bad] = sessions("perforation", [("stops", "36s"), ("goes-on", "42s")]);
     for report in [&good, &bad] {
         assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
         assert_nothing_else_is_asked(report);
