@@ -356,7 +356,7 @@ fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f3
 // is looked up once for some steps: what counts is how many looks into a solid there are, twelve in all.
 const MURK_LOOKS: i32 = 2;      // into the noise
 const MURK_STEPS: i32 = 5;      // into the density for each of them
-const MURK_JITTER: f32 = 0.8;   // share of a step by which neighbouring pixels differ
+const MURK_JITTER: f32 = 0.35;  // share of a step by which neighbouring pixels differ: more shows as a net where blood is thin
 const MURK_LIGHT: f32 = 0.8;    // most light on it: close before the lens its distance says too much, for the lamp is beside it
 const FRAY_M: f32 = 0.0022;     // how far aside at most
 const FRAYS: f32 = 45.0;        // tiles of the noise in a metre: threads of some 2 to 5 mm
