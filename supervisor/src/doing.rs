@@ -90,6 +90,7 @@ impl Wanted {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::tests::begin;
     use hyst_messages::page::ProcessState;
 
     #[test]
@@ -116,12 +117,7 @@ mod tests {
         station.found().unwrap();
         let page = station.open_for_keeping().unwrap();
         let slots = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
-        let own = slots.map(|slot| {
-            let own = station.create_slot(slot, 1).unwrap();
-            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
-            page.store32(layout::SLOT_INCARNATION + slot.number(), 1);
-            own
-        });
+        let own = slots.map(|slot| begin(&station, &page, slot, 1));
         let mut viewer = Viewer::open(&station).unwrap();
         let mut seen = || {
             let doing = Doing::of(&station, &slots, &mut viewer);

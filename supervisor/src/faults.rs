@@ -9,7 +9,7 @@ mod over;
 mod swaps;
 mod tend;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::active::ActiveLog;
 use crate::fault::{Death, EXTERNAL, Fault, LATCH, PIDFD, Seen, bounds, judge, look};

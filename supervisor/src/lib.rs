@@ -49,3 +49,10 @@ mod swap;
 mod toil;
 mod view;
 mod watch;
+
+use std::io::Write;
+
+/// Says a line on stderr. A terminal that has gone, as that of a line over SSH which was cut, takes none: who says it goes on all the same.
+pub(crate) fn warn(line: &str) {
+    let _ = writeln!(std::io::stderr(), "hystation: {line}");
+}

@@ -78,29 +78,23 @@ pub fn done(viewer: &mut Viewer, slot: Slot) -> u64 {
     viewer.slot_page(slot).map_or(0, |page| page.load64(header::MISCHIEF))
 }
 
-/// All that the living say of others.
-pub fn charges(viewer: &mut Viewer) -> Vec<Charge> {
-    let mut all = entries(viewer);
-    all.retain(|charge| Thread::of_standstill(charge.why).is_none());
-    all
-}
-
-/// Those that say of themselves that a thread that helps them stands still, and which.
-pub fn standstills(viewer: &mut Viewer) -> Vec<(Charge, Thread)> {
-    let mut all = entries(viewer);
-    all.retain(|charge| viewer.page().incarnation(charge.by) == charge.incarnation);
-    all.into_iter().filter_map(|charge| Some((charge, Thread::of_standstill(charge.why)?))).collect()
-}
-
-/// All that the living say of others and of themselves.
-fn entries(viewer: &mut Viewer) -> Vec<Charge> {
-    let mut all = Vec::new();
+/// All that the living say: of others, and of themselves that a thread that helps them stands still, and which.
+pub fn charges(viewer: &mut Viewer) -> (Vec<Charge>, Vec<(Charge, Thread)>) {
+    let (mut of_others, mut of_themselves) = (Vec::new(), Vec::new());
     for by in (0..SLOTS).filter_map(Slot::from_number) {
-        if viewer.page().pid(by) != 0 && !viewer.page().is_dead(by) {
-            all.extend(viewer.slot_page(by).into_iter().flat_map(|page| said(by, page)));
+        if viewer.page().pid(by) == 0 || viewer.page().is_dead(by) {
+            continue;
+        }
+        let incarnation = viewer.page().incarnation(by);
+        for charge in viewer.slot_page(by).into_iter().flat_map(|page| said(by, page)) {
+            match Thread::of_standstill(charge.why) {
+                None => of_others.push(charge),
+                Some(thread) if charge.incarnation == incarnation => of_themselves.push((charge, thread)),
+                Some(_) => {} // of another life
+            }
         }
     }
-    all
+    (of_others, of_themselves)
 }
 
 fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {

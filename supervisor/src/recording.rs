@@ -12,9 +12,9 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// What a recording takes of a disk at most, bytes a second.
-const MOST_BYTES_PER_S: f64 = 1e6;
+pub const MOST_BYTES_PER_S: f64 = 1e6;
 /// A disk that lasts for less than this, s, is one that a class can be lost to.
-const SHORT_S: f64 = 3_600.0;
+pub const SHORT_S: f64 = 3_600.0;
 /// So many ticks tell at what rate a recording grows: a minute, for it begins with its scene.
 const RATE_TICKS: u64 = 60_000;
 

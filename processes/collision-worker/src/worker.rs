@@ -13,7 +13,7 @@ use hyst_exchange::roster::Roster;
 use hyst_exchange::synchronized::synchronized_process;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Links, Publisher, ReadPage, Subscriber, allocation, system};
-use hyst_messages::mischief::{Outlet, Thread};
+use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::stream::message_bytes;
@@ -75,7 +75,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
     let interests = interests.map(|wanted| (Role::Tissue, wanted)).to_vec();
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
-    let mut helpers = Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]);
+    let mut helpers = Helpers::of([Helper::usher(inbox.rounds())]);
     let roster = Roster::open(&life.station)?;
     let mut worker = Worker {
         life,

@@ -7,7 +7,6 @@ use crate::pump::Pump;
 use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
-use hyst_messages::mischief::Thread;
 use hyst_messages::page::{device, fluid, hardware, header, rendering, tissue};
 use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, TissueStatus};
 
@@ -47,7 +46,7 @@ impl Sources {
         }
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         Ok(Sources {
-            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
+            helpers: Helpers::of([Helper::usher(inbox.rounds())]),
             inbox,
             pictures: None,
             rendering: None,

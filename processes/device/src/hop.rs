@@ -14,7 +14,6 @@ use hyst_coupling::{
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
-use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device as layout, haptic, hardware, header, station};
 use hyst_messages::{Applied, AppliedRecord, DeviceLimits, ForceCommand, HardwareSample, InputRecord, Medium, Role};
 
@@ -73,7 +72,7 @@ fn run_as(life: &Life, order: fn(u32, u64) -> (u32, u64), gives: fn([f32; 3]) ->
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
     let energy = EnergyState::default();
-    let helpers = Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]);
+    let helpers = Helpers::of([Helper::usher(inbox.rounds())]);
     let share = 1.0;
     let mut hop = Hop { life, inbox, helpers, hardware, models, replicas, params, state, energy, share, lies, again, gives };
     realtime::go(life)?;

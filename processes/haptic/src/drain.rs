@@ -30,7 +30,7 @@ pub struct Drain {
 impl Drain {
     /// The drain and its own usher, as the servo watches them.
     pub fn helpers(&self) -> [Helper; 2] {
-        [Helper::new(Thread::Drain, self.rounds.clone()), Helper::new(Thread::Usher, self.usher.clone())]
+        [Helper::new(Thread::Drain, self.rounds.clone()), Helper::usher(self.usher.clone())]
     }
 }
 

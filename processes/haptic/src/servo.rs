@@ -11,7 +11,6 @@ use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
-use hyst_messages::mischief::Thread;
 use hyst_messages::page::{ProcessState, device, haptic, header};
 use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
@@ -58,7 +57,7 @@ pub fn run_telling(life: &Life, tells: fn([f32; 3]) -> [f32; 3]) -> Result<(), F
     life.ports_are_open();
     let roles = [Role::Device, Role::Haptic];
     let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
-    let helpers = Helpers::of(drain.helpers().into_iter().chain([Helper::new(Thread::Usher, inbox.rounds())]));
+    let helpers = Helpers::of(drain.helpers().into_iter().chain([Helper::usher(inbox.rounds())]));
     let mut servo = Servo {
         life,
         inbox,

@@ -4,7 +4,6 @@ use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
-use hyst_messages::mischief::Thread;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
@@ -105,7 +104,7 @@ impl Gather {
         // It may have missed the steps of its last look; one that is written twice counts once.
         let first_step = last_tick.map_or(0, |tick| tick.saturating_sub(MISSED_TICKS));
         Ok(Gather {
-            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
+            helpers: Helpers::of([Helper::usher(inbox.rounds())]),
             inbox,
             collector,
             lives: Vec::new(),

@@ -7,7 +7,6 @@ use crate::looks::Looks;
 use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
-use hyst_messages::mischief::Thread;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
 use hyst_messages::{
@@ -84,7 +83,7 @@ impl Sources {
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         Ok(Sources {
-            helpers: Helpers::of([Helper::new(Thread::Usher, inbox.rounds())]),
+            helpers: Helpers::of([Helper::usher(inbox.rounds())]),
             inbox,
             horizons: [Horizon::open(&life.station, Role::Tissue)?, Horizon::open(&life.station, Role::Fluid)?],
             clock: life.station.open()?,

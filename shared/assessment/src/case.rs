@@ -2,7 +2,7 @@
 //! shows the same JSON of a session that runs.
 
 use crate::judge::Judge;
-use crate::markup::{escape, plain};
+use crate::markup::{escape, plain, wide_table};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -199,13 +199,13 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
 pub(crate) fn html(page: &mut String, judge: &Judge) {
     let _ = writeln!(
         page,
-        "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n\
-         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Goals\"><table>\n\
+        "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n{}\n\
          <tr><th>goal</th><th class=\"text\">what came of it</th></tr>",
         escape(&judge.brief.name),
         escape(&judge.task()),
         judge.brief.seed,
-        escape(&judge.brief.drawn.join("; "))
+        escape(&judge.brief.drawn.join("; ")),
+        wide_table("Goals")
     );
     for (words, told, class) in judge.goal_lines() {
         let _ = writeln!(

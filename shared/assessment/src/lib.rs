@@ -50,7 +50,7 @@ pub use force::{Force, LIMIT_N, TOUCH_N};
 pub use in_view::InView;
 pub use json::json;
 pub use judge::{GoalState, Judge, WarningState};
-pub use markup::{escape, plain};
+pub use markup::{escape, plain, wide_table};
 pub use medium::{HIGH_PA, LOW_PA, Medium, PARTED_PA};
 pub use metric::{Definition, Group, Metric, Scale, Scores, scores};
 pub use motion::Motion;

@@ -1,4 +1,4 @@
-//! Text from outside on its way to a page or a terminal.
+//! Text from outside on its way to a page or a terminal, and what the pages have in common.
 
 /// Most characters of a sentence out of a recording that are shown.
 const MOST_CHARACTERS: usize = 300;
@@ -20,6 +20,11 @@ pub fn escape(text: &str) -> String {
         }
     }
     out
+}
+
+/// The beginning of a table of this name that is moved sideways where it is wider than the page, by the keys, too; `</table></div>` ends it.
+pub fn wide_table(name: &str) -> String {
+    format!("<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"{}\"><table>", escape(name))
 }
 
 /// One line that no terminal obeys, and that is not endless.

@@ -4,7 +4,7 @@ use crate::absent::ABSENT;
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::judge::Judge;
-use crate::markup::{escape, plain};
+use crate::markup::{escape, plain, wide_table};
 use crate::metric::{Group, Metric};
 use crate::plots::curves;
 use crate::style::STYLE;
@@ -123,10 +123,8 @@ fn metrics(page: &mut String, sessions: &Sessions) {
         page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
         page.push_str("</p>\n");
     }
-    page.push_str(
-        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Values and scores\"><table>\n\
-         <tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>",
-    );
+    page.push_str(&wide_table("Values and scores"));
+    page.push_str("\n<tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>");
     for index in 0..sessions.earlier.len() {
         let _ = write!(page, "<th>{0}</th><th>score {0}</th>", letter(index));
     }
@@ -200,9 +198,11 @@ fn processes(page: &mut String, column: &Column) {
         return;
     }
     page.push_str(
-        "<h2>Processes</h2>\n<p class=\"note\">The rate and the loop's median are means over the session; the 99th percentiles are those of the worst second.</p>\n\
-         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Processes\"><table>\n\
-         <tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
+        "<h2>Processes</h2>\n<p class=\"note\">The rate and the loop's median are means over the session; the 99th percentiles are those of the worst second.</p>\n",
+    );
+    page.push_str(&wide_table("Processes"));
+    page.push_str(
+        "\n<tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
          <th>wake-up p99 \u{b5}s</th><th>loop p50 \u{b5}s</th><th>loop p99 \u{b5}s</th></tr>\n",
     );
     for (name, process) in processes.all() {
@@ -227,9 +227,10 @@ fn events(page: &mut String, column: &Column) {
     if conduct.events.is_empty() {
         return;
     }
+    page.push_str("<h2>Faults and takeovers</h2>\n");
+    page.push_str(&wide_table("Faults and takeovers"));
     page.push_str(
-        "<h2>Faults and takeovers</h2>\n<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Faults and takeovers\"><table>\n\
-         <tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
+        "\n<tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
          <th class=\"text\">what</th><th class=\"text\">process</th><th class=\"text\">in words</th></tr>\n",
     );
     for event in &conduct.events {

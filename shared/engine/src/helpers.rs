@@ -28,6 +28,11 @@ impl Helper {
     pub fn new(thread: Thread, rounds: Rounds) -> Helper {
         Helper { thread, rounds }
     }
+
+    /// An usher, which each engine has.
+    pub fn usher(rounds: Rounds) -> Helper {
+        Helper::new(Thread::Usher, rounds)
+    }
 }
 
 /// All that help one engine.

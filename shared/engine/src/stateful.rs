@@ -26,7 +26,7 @@ use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Inbox, Wanted, usher};
 use hyst_exchange::{Horizon, Links, Publisher, system};
-use hyst_messages::mischief::{Outlet, Thread};
+use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Message, Role, Slot, TICK_NS};
@@ -76,7 +76,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     let mut interests = engine.interests();
     interests.push((role, Wanted::Stream(engine.kind())));
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
-    let own = [keeper.helper(), Helper::new(Thread::Usher, inbox.rounds())];
+    let own = [keeper.helper(), Helper::usher(inbox.rounds())];
     let helpers = Helpers::of(own.into_iter().chain(engine.helpers()));
     let (roster, horizon) = (Roster::open(&life.station)?, Horizon::open(&life.station, role)?);
     let lies = Lies::new(life, bytes);

@@ -139,16 +139,24 @@ fn first_line(said: &[u8]) -> Option<String> {
 /// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
 /// child of it could hold a pipe open, and there is no status.
 pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
+    let status = await_end(child, limit_ns);
+    if status.is_none() {
+        if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+            let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
+        }
+        let _ = child.wait();
+    }
+    status
+}
+
+/// Waits for the end of a child; `None` of one that has not ended within `limit_ns`, to which nothing is done.
+pub fn await_end(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
     let deadline_ns = system::now_ns() + limit_ns;
     loop {
         if let Ok(Some(status)) = child.try_wait() {
             return Some(status);
         }
         if system::now_ns() >= deadline_ns {
-            if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
-                let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
-            }
-            let _ = child.wait();
             return None;
         }
         system::sleep_ns(BETWEEN_LOOKS_NS);

@@ -5,7 +5,7 @@ use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
 use super::text::{self, besides, counts, first_not_shown, not_shown, percentile, segments, target_of, unnoticed};
-use hyst_assessment::escape;
+use hyst_assessment::{escape, wide_table};
 use std::fmt::Write;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#1f2937;background:#fff;max-width:1320px;margin:2rem auto;padding:0 1rem}\
@@ -24,7 +24,7 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
         1 => (Verdict::Broken, "A promise was broken"),
         3 => (Verdict::Unknown, "Nothing can be said of every promise"),
         _ if judgement.done < judgement.planned => (Verdict::Unknown, "No promise was broken so far; the plan is not through"),
-        _ if !judgement.cells.iter().any(|cell| cell.judged) => (Verdict::Figures, "No promise was judged"),
+        _ if !judgement.has_promises() => (Verdict::Figures, "No promise was judged"),
         _ => (Verdict::Held, "Every promise held"),
     };
     let mut page = format!(
@@ -114,9 +114,9 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 }
 
 fn table(judgement: &Judgement, arm: &str) -> String {
-    let mut text = String::from(
-        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Cells\"><table>\
-         <tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
+    let mut text = wide_table("Cells");
+    text.push_str(
+        "<tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
          <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>one-sided<br>95 % bounds</th><th>limit</th><th>excess misses<br>mean &lt; 95 %</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th><th>of ticks right<br>after, missed</th>\
          <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
@@ -201,8 +201,11 @@ fn segments_table(page: &mut String, judgement: &Judgement) {
     }
     page.push_str(
         "<h2>What was noticed of what is only done from outside</h2>\n<p class=\"note\">That bytes were flipped is no sign that anybody read them: faults of which \
-         nothing was noticed are in no bound.</p>\n\
-         <div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"What was noticed\"><table><tr><th>where</th><th>target</th><th>arm</th><th>done</th><th>noticed</th>\
+         nothing was noticed are in no bound.</p>\n",
+    );
+    page.push_str(&wide_table("What was noticed"));
+    page.push_str(
+        "<tr><th>where</th><th>target</th><th>arm</th><th>done</th><th>noticed</th>\
          <th>noticed by, or what became of it</th><th>died</th><th>and else</th><th>excess misses</th><th>invalid or stale<br>applied, ticks</th></tr>\n",
     );
     for figures in rows {
@@ -224,9 +227,9 @@ fn segments_table(page: &mut String, judgement: &Judgement) {
 }
 
 fn stations_table(stations: &[StationOutcome]) -> String {
-    let mut text = String::from(
-        "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Stations\"><table>\
-         <tr><th>station</th><th>arm</th><th>faults</th><th>ticks</th><th>void</th><th>invalid applied</th><th>stale applied</th>\
+    let mut text = wide_table("Stations");
+    text.push_str(
+        "<tr><th>station</th><th>arm</th><th>faults</th><th>ticks</th><th>void</th><th>invalid applied</th><th>stale applied</th>\
          <th>left over</th><th>given up</th><th>recorded ticks</th><th>exit code</th><th>remarks</th></tr>\n",
     );
     for station in stations {

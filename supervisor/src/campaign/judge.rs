@@ -114,6 +114,11 @@ pub fn judge(
 }
 
 impl Judgement {
+    /// Whether any promise was judged.
+    pub fn has_promises(&self) -> bool {
+        self.cells.iter().any(|cell| cell.judged)
+    }
+
     /// With what is to be said of the batch that has just been run, judged `alone`: one of which no fault can be judged says nothing, whatever is known of those
     /// before it, and ends with exit code 3, unless the plan is through or a promise is broken.
     pub fn after_batch(mut self, alone: &Judgement) -> Judgement {

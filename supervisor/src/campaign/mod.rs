@@ -33,6 +33,7 @@ mod report_tests;
 
 use crate::cli::CampaignArgs;
 use crate::settings::Refusal;
+use crate::warn;
 use draw::Plan;
 use file::Campaign;
 use hyst_exchange::Station;
@@ -122,11 +123,6 @@ fn report(judgement: &Judgement, store: &Store) -> Result<(), Refusal> {
 fn say(json: bool, text: &str) {
     // A reader that has gone (`| head`) has read what it wanted; the faults go on.
     let _ = if json { std::io::stderr().write_all(text.as_bytes()) } else { std::io::stdout().write_all(text.as_bytes()) };
-}
-
-/// Says a line on stderr. A terminal that has gone, as that of a line over SSH which was cut, takes none: what the run came to is written all the same.
-fn warn(line: &str) {
-    let _ = writeln!(std::io::stderr(), "hystation: {line}");
 }
 
 #[cfg(test)]

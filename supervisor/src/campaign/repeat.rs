@@ -8,9 +8,10 @@ use super::file::Campaign;
 use super::judge::{Figures, Verdict, judge};
 use super::outcome::{Ending, Outcome};
 use super::runner::Runner;
+use super::say;
 use super::store::Store;
-use super::{say, warn};
 use crate::settings::Refusal;
+use crate::warn;
 use hyst_messages::TICK_NS;
 use serde_json::json;
 

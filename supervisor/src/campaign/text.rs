@@ -260,7 +260,7 @@ pub fn text(judgement: &Judgement) -> String {
         1 => "a promise was broken",
         3 => "nothing can be said of every promise: too much was void, too few faults came about, or the run was stopped",
         _ if judgement.done < judgement.planned => "no promise was broken so far",
-        _ if !judgement.cells.iter().any(|cell| cell.judged) => "no promise was judged",
+        _ if !judgement.has_promises() => "no promise was judged",
         _ => "every promise held",
     };
     let _ = writeln!(text, "{end}; {:.1} % of the faults without a verdict", 100.0 * judgement.void_share);

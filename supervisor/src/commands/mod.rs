@@ -19,7 +19,6 @@ use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
 use hyst_exchange::Station;
 use hyst_messages::Role;
-use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -28,7 +27,7 @@ pub fn run(cli: Cli) -> ExitCode {
     match choose(cli) {
         Ok(code) => ExitCode::from(code),
         Err(refusal) => {
-            let _ = writeln!(std::io::stderr(), "hystation: {}", refusal.message); // a terminal that has gone reads nothing
+            crate::warn(&refusal.message);
             ExitCode::from(refusal.code)
         }
     }

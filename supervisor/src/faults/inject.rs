@@ -275,8 +275,8 @@ fn strike(pid: u32, signal: Option<Signal>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::faults::tests::book;
-    use hyst_messages::page::{device as device_page, station as layout};
+    use crate::faults::tests::{begin, book};
+    use hyst_messages::page::device as device_page;
 
     /// It ended with exit code 0 although nothing was undone; by `:active` it may be another process than the one that was hurt.
     #[test]
@@ -309,12 +309,7 @@ mod tests {
     fn while_a_new_device_follows_nobody_yet_it_is_known_who_was_followed_or_else_nobody_is_hit() {
         let (station, mut faults) = book("newborn");
         let page = station.open_for_keeping().unwrap();
-        let begin = |slot: Slot, incarnation: u32| {
-            let own = station.create_slot(slot, incarnation).unwrap();
-            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
-            page.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
-            own
-        };
+        let begin = |slot: Slot, incarnation: u32| begin(&station, &page, slot, incarnation);
         let servos @ [first, second] = [0, 1].map(|index| Slot::new(Role::Haptic, index).unwrap());
         let device = Slot::first(Role::Device);
         let (old, _servos) = (begin(device, 3), [begin(first, 4), begin(second, 5)]);

@@ -71,7 +71,7 @@ impl Faults {
         if !self.open.faults.iter().any(pending) {
             return;
         }
-        let charges = mischief::charges(viewer);
+        let (charges, _) = mischief::charges(viewer);
         for fault in self.open.faults.iter_mut().filter(|fault| pending(fault)) {
             let Some(((until_ns, _), slot)) = fault.asked.zip(Slot::from_number(fault.slot)) else { continue };
             let present = viewer.page().incarnation(slot) == fault.incarnation;
@@ -141,7 +141,7 @@ fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
 mod tests {
     use super::*;
     use crate::faultfile::Helper;
-    use crate::faults::tests::book;
+    use crate::faults::tests::{begin, book};
     use hyst_exchange::OwnedPage;
     use hyst_messages::mischief::{Distrust, Thread};
     use hyst_messages::page::station as layout;
@@ -151,12 +151,7 @@ mod tests {
     fn a_helper_that_stands_still_is_found_by_what_its_own_process_says() {
         let (station, mut faults) = book("helper");
         let page = station.open_for_keeping().unwrap();
-        let begin = |slot: Slot, incarnation: u32| {
-            let own = station.create_slot(slot, incarnation).unwrap();
-            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
-            page.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
-            own
-        };
+        let begin = |slot: Slot, incarnation: u32| begin(&station, &page, slot, incarnation);
         let [tissue, fluid] = [Role::Tissue, Role::Fluid].map(Slot::first);
         let (own, other) = (begin(tissue, 7), begin(fluid, 8));
         let mut viewer = Viewer::open(&station).unwrap();
@@ -171,13 +166,14 @@ mod tests {
         let found = |faults: &Faults| faults.all().map(|fault| fault.detected_by.clone()).collect::<Vec<_>>();
         say(&other, Distrust::Missing as u64, 7);
         say(&own, Thread::Keeper.standstill(), 6);
-        assert_eq!(mischief::standstills(&mut viewer).len(), 0, "of another life");
+        assert_eq!(mischief::charges(&mut viewer).1.len(), 0, "of another life");
         say(&own, Thread::Keeper.standstill(), 7);
         faults.look_at_the_asked(3_000, &mut viewer);
         faults.suspected(tissue, 7, 3_000);
         assert_eq!(found(&faults), [""]);
-        assert!(mischief::charges(&mut viewer).iter().all(|charge| charge.by == fluid), "it is no charge");
-        let said: Vec<_> = mischief::standstills(&mut viewer).iter().map(|(charge, thread)| (charge.by, *thread)).collect();
+        let (charges, standstills) = mischief::charges(&mut viewer);
+        assert!(charges.iter().all(|charge| charge.by == fluid), "it is no charge");
+        let said: Vec<_> = standstills.iter().map(|(charge, thread)| (charge.by, *thread)).collect();
         assert_eq!(said, [(tissue, Thread::Keeper)]);
         faults.late(tissue, 7, 5_000, 5_000, Thread::Keeper.name());
         assert_eq!(found(&faults), ["keeper"]);

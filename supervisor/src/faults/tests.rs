@@ -1,6 +1,7 @@
 //! The book of faults: when a fault began, that its whole window counts, where its control lies, and that its line is written.
 
 use super::*;
+use hyst_messages::page::station as layout;
 use hyst_messages::{Applied, LedgerEntry};
 
 /// A station of a test, which leaves nothing however that ends.
@@ -27,6 +28,14 @@ pub(super) fn book(name: &str) -> (Wiped, Faults) {
     station.found().unwrap();
     let faults = Faults::new(&station, &[]).unwrap();
     (Wiped(station), faults)
+}
+
+/// A life begins in a slot, and this process is it: its page.
+pub(crate) fn begin(station: &Station, page: &OwnedPage, slot: Slot, incarnation: u32) -> OwnedPage {
+    let own = station.create_slot(slot, incarnation).unwrap();
+    page.store32(layout::SLOT_PID + slot.number(), std::process::id());
+    page.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+    own
 }
 
 #[test]

@@ -27,10 +27,11 @@ impl Supervisor {
     /// Replaces those whose output is refused (not finite, out of range, for another input, frozen, without progress). One that only differs or
     /// is late is not killed: two servos that lost different ticks to a stall differ in the last bits, and the host stalls everybody now and then.
     pub(super) fn heed(&mut self, now_ns: u64) {
-        self.heed_helpers(now_ns);
+        let (charges, standstills) = mischief::charges(&mut self.viewer);
+        self.heed_helpers(standstills, now_ns);
         // In the order of the slots: whoever stands nearer to the hand is heard first, and who is replaced is not heard any more, because one that
         // lies about its own state makes honest ones look wrong.
-        for charge in mischief::charges(&mut self.viewer) {
+        for charge in charges {
             let Some(slot) = self.slot_of(charge.incarnation) else { continue };
             if self.heeded.contains(&self.viewer.page().incarnation(charge.by)) {
                 continue;

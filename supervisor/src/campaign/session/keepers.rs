@@ -2,10 +2,10 @@
 //! the station over from the stand-in, or from nobody if the supervisor died with it.
 
 use super::{LOOK_NS, Session};
-use crate::campaign::warn;
 use crate::fault::Fault;
 use crate::faultfile::{Injection, Keepers};
 use crate::keepers::Hurt;
+use crate::warn;
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
 

@@ -1,8 +1,9 @@
 //! A program that a benchmark starts: what it says is read beside it, so that it never waits for a reader, and its end is waited for with a bound.
 
+use crate::proc::await_end;
 use crate::remains;
 use crate::settings::Refusal;
-use hyst_exchange::{Station, system};
+use hyst_exchange::Station;
 use std::io::Read;
 use std::process::{Child, ExitStatus};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -12,8 +13,6 @@ use std::time::{Duration, Instant};
 pub const MOST_NS: u64 = 600_000_000_000;
 /// How long one that was killed may take to be gone, ns: tear-down of 1 GB took 0.2 s.
 const GONE_WITHIN_NS: u64 = 3_000_000_000;
-/// Between two looks whether it has ended, ns: a hundredth of the shortest time that is measured so.
-const LOOK_NS: u64 = 5_000_000;
 /// What it has said is there when it has ended; whom it left its output is not waited for any longer than this.
 const READ_WITHIN: Duration = Duration::from_secs(1);
 /// Most that is kept of what it says, bytes: the rows of a benchmark are some ten thousand.
@@ -56,7 +55,7 @@ fn pass_on(mut output: impl Read, tell: &Sender<Vec<u8>>) {
 
 /// Waits for the end of a program; one that does not end in time is killed, and has no status.
 pub fn ends_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
-    let status = wait(child, limit_ns);
+    let status = await_end(child, limit_ns);
     if status.is_none() {
         end(child);
     }
@@ -66,20 +65,7 @@ pub fn ends_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
 /// Kills a program, if it has not ended, and waits until it is gone.
 pub fn end(child: &mut Child) {
     let _ = child.kill(); // gone is as good
-    wait(child, GONE_WITHIN_NS);
-}
-
-fn wait(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
-    let deadline_ns = system::now_ns() + limit_ns;
-    loop {
-        if let Ok(Some(status)) = child.try_wait() {
-            return Some(status);
-        }
-        if system::now_ns() >= deadline_ns {
-            return None;
-        }
-        system::sleep_ns(LOOK_NS);
-    }
+    await_end(child, GONE_WITHIN_NS);
 }
 
 /// The error of a program that did not end in time; `what` it was.

@@ -1,6 +1,7 @@
 //! What a station needs of the machine itself: programs, cores, rights, memory, disk.
 
 use super::{Finding, Machine};
+use crate::recording::{MOST_BYTES_PER_S, SHORT_S};
 use hyst_engine::realtime::WATCH_PRIORITY;
 use hyst_exchange::system;
 use hyst_messages::Role;
@@ -11,8 +12,8 @@ use std::path::Path;
 /// Memory that the real-time processes lock together, bytes.
 const LOCKED_BYTES: u64 = 256 << 20;
 
-/// More than an hour of a recording takes, bytes: it may take 1 MB a second.
-const HOUR_BYTES: u64 = 3_600_000_000;
+/// More than an hour of a recording takes, bytes.
+const HOUR_BYTES: u64 = (MOST_BYTES_PER_S * SHORT_S) as u64;
 
 /// Least share of each second that real-time threads need, µs.
 const LEAST_RUNTIME_US: i64 = 900_000;

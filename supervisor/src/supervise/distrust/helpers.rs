@@ -3,12 +3,14 @@
 //! steps does not beat (`suspicion.rs`), and ends as it does there.
 
 use super::FORGOTTEN_NS;
+use crate::mischief::Charge;
 use crate::policy::{self, Event};
 use crate::proc::ThreadFiles;
 use crate::supervise::Supervisor;
 use crate::suspicion::{SILENCE_NS, Thread};
-use crate::{journal, mischief, proc};
+use crate::{journal, proc};
 use hyst_messages::Role;
+use hyst_messages::mischief::Thread as Helper;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Between two questions to the kernel about the same engine, ns: it is asked about each of its threads.
@@ -79,8 +81,8 @@ fn states(process: u32, name: &str) -> Vec<Thread> {
 
 impl Supervisor {
     /// Replaces those whose helpers stand still: what they make is as good as ever, so that there is time to hand a role over.
-    pub(super) fn heed_helpers(&mut self, now_ns: u64) {
-        for (charge, thread) in mischief::standstills(&mut self.viewer) {
+    pub(super) fn heed_helpers(&mut self, standstills: Vec<(Charge, Helper)>, now_ns: u64) {
+        for (charge, thread) in standstills {
             let (slot, incarnation, name) = (charge.by, charge.incarnation, thread.name());
             if now_ns.saturating_sub(charge.last_ns) > OVER_NS {
                 self.helpers.excused.remove(&incarnation); // it has got on
