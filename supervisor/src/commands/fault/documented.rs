@@ -7,13 +7,14 @@ use clap::Parser;
 use std::path::{Path, PathBuf};
 
 /// The documents, from the repository's root.
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
     "docs/driver.md",
     "docs/engine.md",
     "docs/faults.md",
     "docs/handbook.md",
     "docs/limits.md",
+    "docs/scenes.md",
     "docs/sessions.md",
     "docs/speed.md",
 ];
