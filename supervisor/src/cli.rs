@@ -16,7 +16,7 @@ pub use windows::WindowArgs;
 #[derive(Debug, Parser)]
 #[command(name = "hystation", version, after_help = codes::ALL)]
 pub struct Cli {
-    /// Name of the station; several run side by side and never meet.
+    /// Name of the station. Stations of different names run side by side and never meet.
     #[arg(long, global = true, default_value = "default")]
     pub name: String,
     /// What to do.
@@ -29,50 +29,50 @@ pub struct Cli {
 pub enum Command {
     /// Run a station in the foreground until Ctrl-C, `hystation stop`, or the end of --for.
     Run(Box<RunArgs>),
-    /// The processes of a running station.
+    /// Show the processes of a running station.
     Status {
         /// As JSON.
         #[arg(long)]
         json: bool,
     },
-    /// A live table of a running station.
+    /// Show the processes of a running station live, drawn anew twice a second.
     Top,
-    /// What happened, or the log of a process.
+    /// Show what happened in a station, or what a process printed.
     Logs {
-        /// A process as `status` names it; without it, the station's events.
+        /// A process as `status` names it. Default: the station's events.
         process: Option<String>,
-        /// Follow.
+        /// Go on printing what comes.
         #[arg(short, long)]
         follow: bool,
     },
     /// Stop a running station.
     Stop,
-    /// Faults on purpose, in a station that was started with --test-mode.
+    /// Do harm on purpose, in a station that was started with --test-mode.
     Fault {
         /// What to do.
         #[command(subcommand)]
         command: FaultCommand,
     },
-    /// Validate a scene, a case or a mesh without starting anything.
+    /// Check a scene, a case or a mesh; nothing is started.
     Check {
-        /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp); without it, the embedded scene.
+        /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp). Default: the built-in scene.
         file: Option<PathBuf>,
         /// As JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Is this machine fit, and the cure for each thing that is not.
+    /// Say whether this machine is fit, with the cure for each thing that is not.
     Doctor {
         /// As JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Measure.
+    /// Measure how fast the station is on this machine; the exit code is 1 if a target is not held.
     Bench {
-        /// tissue, contact, flow, exchange, recording or station.
+        /// What to measure: tissue, contact, flow, exchange, recording or station.
         what: String,
-        /// Mesh to measure with.
-        #[arg(long)]
+        /// Mesh or scene to measure with. Default: the built-in scene.
+        #[arg(long, value_name = "FILE")]
         mesh: Option<PathBuf>,
         /// How often and how long.
         #[command(flatten)]
@@ -81,10 +81,10 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Put another engine in the place of a role's while the station runs; rolls back by itself.
+    /// Put another engine into a role while the station runs; a bad one is rolled back by itself.
     #[command(after_help = codes::SWAP)]
     Swap {
-        /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
+        /// The role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
         role: String,
         /// The engine's binary.
         binary: PathBuf,
@@ -92,24 +92,24 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Check an engine before a swap, or a driver before a session, in a private station of its own, and say what is wrong with it.
+    /// Try an engine before a swap, or a driver before a session, in a private station, and say what is wrong with it.
     #[command(after_help = codes::CONFORMANCE)]
     Conformance {
-        /// A role, as for `swap`; or driver.
+        /// The role, as for `swap`; or driver.
         role: String,
-        /// The engine's binary.
+        /// The engine's binary, or the driver's.
         binary: PathBuf,
         /// The scene of the private station. Default: the built-in one.
-        #[arg(long)]
+        #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
-        /// Its hand: script:polyp cuts, too.
+        /// The hand of the private station: script:polyp cuts, too.
         #[arg(long, default_value = "script:press")]
         hand: String,
         /// As JSON.
         #[arg(long)]
         json: bool,
     },
-    /// The report of a recorded session: raw values, scores, and what the station itself did, from the recording alone.
+    /// Make the report of a recorded session, from the recording alone: raw values, scores, and what the station itself did.
     Report(ReportArgs),
     /// Do a recorded session again in the same engines: the same hand, the same forces, to the bit.
     Replay(ReplayArgs),
@@ -157,20 +157,20 @@ pub enum Command {
 pub struct ReplayArgs {
     /// The recording (MCAP), as `run --record` writes it.
     pub file: PathBuf,
-    /// Compare every force and every state with what was recorded, as fast as the machine manages; without pictures.
+    /// Compare every force and every state with what was recorded, to the bit, as fast as the machine manages; no pictures.
     #[arg(long)]
     pub verify: bool,
-    /// Show it from this time on, beginning at the checkpoint before it; what is between the two is done as fast as the machine manages.
-    #[arg(long = "from", value_parser = seconds, conflicts_with = "verify")]
+    /// Show it from this time on (2m): it begins at the checkpoint before, and hurries to it from there.
+    #[arg(long = "from", value_name = "TIME", value_parser = seconds, conflicts_with = "verify")]
     pub from_s: Option<f64>,
-    /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
-    #[arg(long, conflicts_with = "verify", value_parser = speed)]
+    /// How many times as fast as it was, 0.01 to 100: 0.5 is half the speed. No faster than the machine manages.
+    #[arg(long, value_name = "FACTOR", conflicts_with = "verify", value_parser = speed)]
     pub speed: Option<f64>,
-    /// Another file of the scene, or of the case, than those that the recording has or names.
-    #[arg(long)]
+    /// Another scene, or another case, than the recording has or names.
+    #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
-    /// Write the report of the run (JSON) here, as `run` does.
-    #[arg(long)]
+    /// Write a report of what the station itself did (JSON), as `run` does.
+    #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// As for `run`.
     #[command(flatten)]
@@ -180,23 +180,23 @@ pub struct ReplayArgs {
 /// Arguments of every command that starts a station.
 #[derive(Clone, Debug, Default, Args)]
 pub struct StationArgs {
-    /// No window even if there is a display.
+    /// Open no window, even if there is a display.
     #[arg(long)]
     pub headless: bool,
-    /// Write pictures (PNG) into this folder.
-    #[arg(long)]
+    /// Write pictures (PNG, or one film with --set picture_format=mjpeg) into this folder.
+    #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
     /// Allow faults to be injected.
     #[arg(long)]
     pub test_mode: bool,
     /// Inject the faults of this file (TOML); needs --test-mode.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
-    /// Number of collision workers, 0 to 16.
-    #[arg(long)]
+    /// Number of collision workers, 0 to 16. Default: 2.
+    #[arg(long, value_name = "N")]
     pub workers: Option<usize>,
-    /// key=value; an unknown key lists those that exist.
-    #[arg(long = "set")]
+    /// A setting; may be given again and again. An unknown key lists those that there are.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Folder of the engines' binaries; default: that of this program.
     #[arg(long, hide = true)]
@@ -213,16 +213,16 @@ fn speed(text: &str) -> Result<f64, String> {
 pub struct ReportArgs {
     /// The recording (MCAP), as `run --record` writes it.
     pub file: PathBuf,
-    /// Write a page that needs nothing beside it.
+    /// Write it as a page (HTML) that needs nothing beside it.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Write the report for programs; `-`: on stdout, instead of the text.
+    /// Write it for programs; `-` writes it to stdout, instead of the text.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Write the session over time, ten rows a second.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// An earlier session to compare with, a column each; up to 8.
+    /// Compare with an earlier session, as a column; may be given up to 8 times.
     #[arg(long, value_name = "FILE")]
     pub compare: Vec<PathBuf>,
 }
@@ -230,25 +230,27 @@ pub struct ReportArgs {
 /// Arguments of `run`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct RunArgs {
-    /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp); without it, the embedded scene.
+    /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp). Default: the built-in scene.
     pub scene: Option<PathBuf>,
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
-    #[arg(long = "for", value_parser = seconds)]
+    #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// Stop by itself when the session of the case is over; its console says when.
+    /// Stop by itself when the session of the case is over; needs the operator's page, which judges that.
     #[arg(long, conflicts_with = "lockstep")]
     pub until_end: bool,
-    /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window; without one script:press, but a case has none then.
+    /// Who moves the scope: mouse, gamepad, spacemouse, script:NAME, replay:FILE or idle. Default: the mouse where there is a window, else script:press;
+    /// a case without a window has no default.
     #[arg(long)]
     pub hand: Option<String>,
-    /// The driver of a haptic device in the place of the simulated one (docs/driver.md).
-    #[arg(long, conflicts_with = "hand")]
+    /// The driver of a haptic device, in the place of the simulated one (docs/driver.md).
+    #[arg(long, value_name = "FILE", conflicts_with = "hand")]
     pub driver: Option<PathBuf>,
-    /// Record the session (MCAP): a file; or a folder, ending in / or there already, for a file named by moment (UTC), scene or case, and trainee.
-    #[arg(long)]
+    /// Record the session (MCAP): into this file; or into a folder (ending in /, or there already), where the file is named by moment (UTC), scene or case,
+    /// and trainee.
+    #[arg(long, value_name = "PATH")]
     pub record: Option<PathBuf>,
-    /// Write a report (JSON) at the end.
-    #[arg(long)]
+    /// Write a report of what the station itself did (JSON) at the end.
+    #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Run on a virtual clock: the same forces to the bit, whatever dies; --for is virtual time.
     #[arg(long)]

@@ -93,7 +93,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("isa", "baseline, avx2 or avx512: instruction set of the deformation (default: the best there is)"),
     (
         "tissue_step_ticks",
-        "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages, a longer one where it does not any more)",
+        "1, 2 or 4: step of the Main Loop in ticks (default: the shortest that the machine manages, and a longer one once it no longer does)",
     ),
     ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
     ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
@@ -108,15 +108,16 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ),
     (
         "focus_mm",
-        "3 to 100: where the focus is set at first, from the lens, and where a driver or a recording states none (default 20)",
+        "3 to 100: how far from the lens the focus lies at first, or where a driver or a recording states none (default 20)",
     ),
-    ("trainee", "1 to 60 letters: who trains, which stands in the recording and in its report (default: nobody is named)"),
+    ("trainee", "1 to 60 letters: who trains, as the recording and its report name them (default: nobody)"),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
     (
         "workers",
-        "auto or always: ask the collision workers only where that takes less time than to test alone, which is tried again and again, or in each step (default auto; in lock-step and in test mode always)",
+        "auto or always: ask the collision workers where that takes less time than to test alone, which is tried now and then, or in each step \
+         (default auto; in lock-step and in test mode always)",
     ),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
     ("sound", "on or off: the terminal's bell when a warning of the case or an alarm of the pump begins (default on)"),

@@ -7,16 +7,16 @@ use std::path::PathBuf;
 /// Faults on purpose.
 #[derive(Debug, Subcommand)]
 pub enum FaultCommand {
-    /// The kinds of faults.
+    /// List the kinds of faults, and to whom each can be done.
     List {
-        /// As JSON: kinds with whom they can be done to and their options, places and states.
+        /// As JSON, with the options of each kind, and with places, outputs and states.
         #[arg(long)]
         json: bool,
     },
-    /// Inject a fault.
+    /// Do one fault, now or at a moment.
     #[command(after_help = codes::INJECT)]
     Inject(Box<InjectArgs>),
-    /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
+    /// Do many faults, by a plan drawn from a file and a seed, in stations of its own, and judge them.
     #[command(after_help = codes::CAMPAIGN)]
     Campaign(CampaignArgs),
 }
@@ -24,30 +24,30 @@ pub enum FaultCommand {
 /// Arguments of `fault inject`.
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
-    /// Kind, see `fault list`.
+    /// The kind; `fault list` has them all.
     pub kind: String,
-    /// PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
+    /// Who is hit: PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
     pub target: String,
-    /// After this time a stopped process is continued, or ends what it was asked to do.
-    #[arg(long = "for", value_parser = seconds)]
+    /// How long it lasts: a stopped process is continued then, and any other ends what it was asked to do.
+    #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// Not now, but at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead.
+    /// Do it at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead. Default: now.
     #[arg(long, group = "moment")]
     pub tick: Option<String>,
-    /// With --tick or --state: so many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it.
-    #[arg(long = "phase", requires = "moment", value_parser = clap::value_parser!(u32).range(0..1_000))]
+    /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it.
+    #[arg(long = "phase", value_name = "US", requires = "moment", value_parser = clap::value_parser!(u32).range(0..1_000))]
     pub phase_us: Option<u32>,
-    /// Not now, but when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or swap:ROLE.
+    /// Do it when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or swap:ROLE.
     #[arg(long, group = "moment")]
     pub state: Option<String>,
-    /// With --state: it is waited for so long at most. Default: 1m.
-    #[arg(long = "within", requires = "state", value_parser = seconds)]
+    /// With --state: wait so long at most. Default: 1m.
+    #[arg(long = "within", value_name = "TIME", requires = "state", value_parser = seconds)]
     pub within_s: Option<f64>,
-    /// slow: a step takes so many times as long, 1 to 100.
+    /// slow: each step takes so many times as long, 1 to 100.
     #[arg(long)]
     pub factor: Option<f64>,
-    /// slow: and so much longer: 500us, 2ms.
-    #[arg(long = "extra", value_parser = seconds)]
+    /// slow: and this much longer: 500us, 2ms.
+    #[arg(long = "extra", value_name = "TIME", value_parser = seconds)]
     pub extra_s: Option<f64>,
     /// slow: what is added varies by this share of it, 0 to 1.
     #[arg(long)]
@@ -58,22 +58,22 @@ pub struct InjectArgs {
     /// crash-loop: how many successors die, 1 to 20.
     #[arg(long)]
     pub times: Option<u32>,
-    /// nan, frozen and the like: by which of its outputs alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
+    /// nan, frozen and other lies: by this output alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
     #[arg(long)]
     pub output: Option<String>,
-    /// block: not the thread of its steps, but usher (who meets newcomers), drain (of a servo), keeper (of checkpoints) or clerk (of a tissue).
+    /// block: a thread that helps it: usher (meets newcomers), drain (of a servo), keeper (of checkpoints) or clerk (of a tissue). Default: that of its steps.
     #[arg(long)]
     pub thread: Option<String>,
-    /// corrupt: page, stream, link, checkpoint, station or roster.
-    #[arg(long = "where")]
+    /// corrupt: where bytes flip: page, stream, link, checkpoint, station or roster.
+    #[arg(long = "where", value_name = "PLACE")]
     pub place: Option<String>,
     /// corrupt: how many bytes.
     #[arg(long)]
     pub bytes: Option<u32>,
-    /// corrupt: what they are drawn from. Default: another number each time, which the events say.
+    /// corrupt: the seed that the bytes are drawn from. Default: another one each time, which the events say.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Whom it hit, and when, as JSON.
+    /// Say whom it hit, and when, as JSON.
     #[arg(long)]
     pub json: bool,
 }
@@ -83,23 +83,23 @@ pub struct InjectArgs {
 pub struct CampaignArgs {
     /// The campaign (TOML); examples are in assets/campaigns.
     pub file: PathBuf,
-    /// Seed of the plan, instead of the file's.
+    /// Seed of the plan. Default: the file's.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. The same folder again goes on where it ended. Without it they
-    /// are in a folder that is removed at the end, unless the exit code is other than 0.
-    #[arg(long)]
+    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. With the same folder the campaign goes on where it ended.
+    /// Default: a folder that is removed at the end, but for an exit code other than 0.
+    #[arg(long, value_name = "FOLDER")]
     pub report: Option<PathBuf>,
     /// Print the plan, and do nothing else.
     #[arg(long)]
     pub plan: bool,
-    /// Repeat this one fault of the plan, at the same tick and phase; one in a swap so long after the same stage of it.
-    #[arg(long, conflicts_with_all = ["plan", "batch"])]
+    /// Repeat this one fault of the plan, at the same tick and phase; one in a swap, as long after the same stage of it.
+    #[arg(long, value_name = "N", conflicts_with_all = ["plan", "batch"])]
     pub only: Option<usize>,
-    /// At most so many faults in this run; the next run with the same folder goes on.
-    #[arg(long, requires = "report")]
+    /// Do so many faults at most; the next run with the same folder goes on.
+    #[arg(long, value_name = "N", requires = "report")]
     pub batch: Option<usize>,
-    /// On stdout nothing but JSON: the report; with --plan the plan, with --only what came of that fault.
+    /// Print nothing but JSON on stdout: the report; with --plan the plan, with --only what came of that fault.
     #[arg(long)]
     pub json: bool,
 }

@@ -6,11 +6,11 @@ use clap::Args;
 /// Pairs of windows, and their length.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindowArgs {
-    /// recording: so many pairs of windows, with a recording and without. Default: 7; to show a hundredth takes more.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=200))]
+    /// recording: how many pairs of windows, with a recording and without. Default: 7; to show a hundredth takes more.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200))]
     pub pairs: Option<u32>,
     /// recording: length of a window, at most 1m, in whole rounds of the scripted hand (2s). Default: 10s, in which there are two checkpoints.
-    #[arg(long = "window", value_parser = window)]
+    #[arg(long = "window", value_name = "TIME", value_parser = window)]
     pub window_s: Option<f64>,
 }
 
