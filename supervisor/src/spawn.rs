@@ -32,7 +32,7 @@ pub enum SpawnError {
     #[error("{0}: {1}")]
     Link(Slot, LinkError),
     /// Its process or log.
-    #[error("{slot}: cannot start {path}: {source}; build all binaries into one folder (`cargo build --release`)")]
+    #[error("{slot}: cannot start {path}: {source}; `./station build` makes all programs, into one folder")]
     Process {
         /// Where.
         slot: Slot,

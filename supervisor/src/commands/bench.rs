@@ -61,7 +61,7 @@ pub fn beside(binary: &str) -> Result<PathBuf, Refusal> {
 
 /// The error of a program that cannot be started.
 pub fn not_started(path: &Path, error: &std::io::Error) -> Refusal {
-    Refusal::input(format!("{}: {error}; build all binaries into one folder with `cargo build --release`", path.display()))
+    Refusal::input(format!("{}: {error}; `./station build` makes all programs, into one folder", path.display()))
 }
 
 /// Becomes another binary of the station; returns only if it cannot.
