@@ -27,7 +27,9 @@ pub fn bench(what: &str, mesh: Option<&Path>, windows: WindowArgs, json: bool) -
         "exchange" => sibling("exchange-bench", &[], mesh, json),
         "station" => station::station(mesh, json),
         "recording" => recording::recording(mesh, windows, json),
-        _ => Err(Refusal::input(format!("bench {what}: there are tissue, contact, flow, exchange, recording and station"))),
+        _ => Err(Refusal::input(format!(
+            "bench {what}: no such measurement; name tissue, contact, flow, exchange, recording or station"
+        ))),
     }
 }
 

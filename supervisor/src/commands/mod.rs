@@ -97,7 +97,7 @@ fn with_folder(folder: Option<&Path>, run: impl FnOnce() -> Result<u8, Refusal>)
 pub fn no_station(station: &Station) -> Refusal {
     let none = format!("no station named {0:?} is running; start it with `hystation --name {0} run`", station.name());
     let others: Vec<String> = others::others(station).iter().map(|begin| format!("`{begin} …`")).collect();
-    Refusal::input(if others.is_empty() { none } else { format!("{none}; or ask one that there is: {}", others.join(", ")) })
+    Refusal::input(if others.is_empty() { none } else { format!("{none}; or name one that runs: {}", others.join(", ")) })
 }
 
 #[cfg(test)]
