@@ -120,7 +120,7 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
         return Err(Refusal::input(format!(
-            "missing: {}; `./station build` makes all engines, into one folder",
+            "missing: {}; `./station build` makes all engines, or install the package again",
             list.join(", ")
         )));
     }

@@ -32,7 +32,7 @@ pub enum SpawnError {
     #[error("{0}: {1}")]
     Link(Slot, LinkError),
     /// Its process or log.
-    #[error("{slot}: cannot start {path}: {source}; `./station build` makes all programs, into one folder")]
+    #[error("{slot}: cannot start {path}: {source}; `./station build` makes all programs, or install the package again")]
     Process {
         /// Where.
         slot: Slot,

@@ -63,7 +63,7 @@ pub fn beside(binary: &str) -> Result<PathBuf, Refusal> {
 
 /// The error of a program that cannot be started.
 pub fn not_started(path: &Path, error: &std::io::Error) -> Refusal {
-    Refusal::input(format!("{}: {error}; `./station build` makes all programs, into one folder", path.display()))
+    Refusal::input(format!("{}: {error}; `./station build` makes all programs, or install the package again", path.display()))
 }
 
 /// Becomes another binary of the station; returns only if it cannot.
