@@ -1,6 +1,7 @@
 //! Tidiness as a test: the layout, the directions of the dependencies, and the house rules that a machine can check. It builds nothing of
 //! ours and takes a second, so `./station test` begins with it. Every failure names the file and says what to do.
 
+mod documents;
 mod source;
 mod tree;
 
