@@ -155,7 +155,7 @@ impl FaultKind {
         (
             FaultKind::CrashLoop,
             "crash-loop",
-            "SIGKILL, and its successors die in their start, --times of them (3); after 8 short lives in a row a slot is given up",
+            "SIGKILL, and its successors die in their start, --times of them (3); after 8 short lives in a row (recorder: 15) a slot is given up",
         ),
         (
             FaultKind::Corrupt,
