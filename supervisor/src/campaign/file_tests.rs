@@ -182,8 +182,7 @@ const LEAST_OF_AN_OPTION: usize = 8;
 
 /// The files that hold every kind of fault together, but for what is slow to be found and file systems that are full.
 const OF_EVERY_KIND: [&str; 4] = ["corrupt", "ends", "lies", "station"];
-/// Those of what is slow to be found.
-const FOUND_SLOWLY: [&str; 3] = ["helpers", "leaks", "starts"];
+const FOUND_SLOWLY: [&str; 3] = ["helpers", "leaks", "starts"]; // what is slow to be found
 
 /// All that come with the station.
 fn shipped() -> Vec<Campaign> {
@@ -283,6 +282,8 @@ fn a_limit_that_so_few_faults_cannot_show_is_named() {
     assert!(empty.len() == 1 && empty[0].contains("pool b: no cell is in it"), "{empty:?}");
     let silent = said(&format!("[[arm]]\nname = \"x\"\njudged = false\n{few}"));
     assert!(silent.len() == 1 && silent[0].contains("no arm is judged"), "{silent:?}");
+    let idle = said("[[cell]]\nkinds = [\"nan\", \"block\"]\ntargets = [\"fluid:spare\", \"haptic:spare\"]\ncount = 59\n");
+    assert!(idle.len() == 1 && idle[0].contains("cell nan fluid:spare: a spare makes only"), "{idle:?}");
 }
 
 #[test]
