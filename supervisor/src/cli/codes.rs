@@ -5,7 +5,7 @@ pub const ALL: &str = "Exit codes: 0 good; 1 failed, or a promise broken; 2 bad 
                        something was lost or is not known.";
 /// Of `swap`.
 pub const SWAP: &str = "Exit codes: 0 the new engine has the role; 1 it was rolled back, or how it ended is not known; 2 it was refused, and nothing was \
-                        disturbed; 3 this command was interrupted, and the swap goes on.";
+                        disturbed; 3 this command was interrupted, and a swap that it has begun goes on.";
 /// Of `conformance`.
 pub const CONFORMANCE: &str = "Exit codes: 0 it conforms; 1 it does not; 2 it is no engine of that role, or there can be no such station; 3 this machine \
                                gave it no time to show what it is, or no station to show it in.";

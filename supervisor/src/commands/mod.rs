@@ -10,6 +10,7 @@ pub mod logs;
 mod others;
 pub mod replay;
 pub mod report;
+mod shielded;
 pub mod status;
 pub mod stop;
 pub mod swap;
