@@ -1,11 +1,13 @@
 //! An engine that does nothing but what every engine must: it opens its page, becomes live, beats, and stops when asked. The tests of
 //! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
 //! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
-//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot.
+//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot. As a
+//! newcomer `accuses ROLE` refuses what the holder of its role says.
 
+use hyst_engine::kept;
 use hyst_engine::life::{DESCRIBE, Description};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
-use hyst_messages::mischief::Thread;
+use hyst_messages::mischief::{Distrust, Thread};
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
 
@@ -21,7 +23,8 @@ fn main() {
     let station = Station::named(&value("--station")).unwrap();
     let slot = Slot::parse(&value("--slot")).unwrap();
     let incarnation: u32 = value("--incarnation").parse().unwrap();
-    let orders = std::path::Path::new(&arguments[0]).parent().map(|folder| folder.join("fake")).unwrap();
+    let program = kept::name_of(std::path::Path::new(&arguments[0])); // of a copy, the file that it is from
+    let orders = program.parent().map(|folder| folder.join("fake")).unwrap();
     let orders = std::fs::read_to_string(orders).unwrap_or_default();
     let ordered = |what: &str| orders.lines().any(|line| line.trim() == format!("{what} {}", slot.role().name()));
     if ordered("refuse") {
@@ -31,8 +34,8 @@ fn main() {
     if ordered("die") {
         std::process::exit(1);
     }
-    let [doomed, leaks, opens, stands] = ["doomed", "leak", "files", "stands"].map(ordered);
-    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands });
+    let [doomed, leaks, opens, stands, accuses] = ["doomed", "leak", "files", "stands", "accuses"].map(ordered);
+    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands, accuses });
 }
 
 /// What it does wrong.
@@ -41,6 +44,7 @@ struct Vices {
     leaks: bool,
     opens: bool,
     stands: bool,
+    accuses: bool,
 }
 
 /// Memory that a leak takes in each step, bytes.
@@ -104,6 +108,10 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
                 if vices.stands && holds && slot.index() == 0 && page.load64(header::STEPS) > 500 {
                     page.store64(header::distrusted(0) + 2, now_ns);
                     page.store64(header::distrusted(0), Thread::Keeper.standstill() << 32 | u64::from(incarnation));
+                }
+                if vices.accuses && slot.is_guest() {
+                    page.store64(header::distrusted(0) + 2, now_ns);
+                    page.store64(header::distrusted(0), (Distrust::Invalid as u64) << 32 | u64::from(holder.incarnation));
                 }
             }
             _ => {}
