@@ -1,5 +1,5 @@
-//! Ctrl-C and the like in a command that asks a file what it is. Who is asked leads a process group of its own, which no signal of a terminal reaches, and would
-//! stay behind a command that just ends.
+//! Ctrl-C and the like in a command that asks a file what it is. Who is asked leads a process group of its own, which no signal of a terminal reaches, and
+//! would stay behind a command that just ends.
 
 use crate::settings::Refusal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
