@@ -7,7 +7,7 @@ use crate::plan::{self, Plan};
 use crate::recording::folder;
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
-use hyst_engine::verify::verify_unless;
+use hyst_engine::verify::verify;
 use hyst_exchange::Station;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use hyst_recording::Reader;
@@ -198,7 +198,7 @@ fn check_driver(args: &RunArgs, file: &Path, given_up: &dyn Fn() -> bool) -> Res
         return Err(Refusal::input("--driver --lockstep: no device is moved on a virtual clock; leave one of them out"));
     }
     let file = absolute(file)?;
-    verify_unless(&file, Role::Hardware, given_up).map_err(|reason| match given_up() {
+    verify(&file, Role::Hardware, given_up).map_err(|reason| match given_up() {
         true => Refusal::failed("interrupted, and nothing was started"),
         false => Refusal::input(format!("--driver: {reason}; docs/driver.md says what a driver is")),
     })?;

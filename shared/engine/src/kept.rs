@@ -2,7 +2,7 @@
 //! the file that he named changes nothing in a station that runs: what was verified is what starts, also after the next death, and what a swap is rolled
 //! back to is what ran before it.
 
-use crate::verify::verify_unless;
+use crate::verify::verify;
 use hyst_exchange::{PageError, Station, StationError, StationPage, system};
 use hyst_messages::Role;
 use rustix::fs::StatVfsMountFlags;
@@ -50,11 +50,11 @@ pub fn keep(station: &Station, binary: &Path, role: Role, given_up: &dyn Fn() ->
         ));
     }
     let given_up = || given_up() || clock.as_ref().is_ok_and(StationPage::stop_requested);
-    verify_unless(binary, role, &given_up)?;
+    verify(binary, role, &given_up)?;
     let kept = copy(station, binary)?;
     if is_copy(&kept.binary) {
         // The file may have become another since it was looked at.
-        verify_unless(&kept.binary, role, &given_up).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
+        verify(&kept.binary, role, &given_up).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
     }
     Ok(kept)
 }

@@ -36,14 +36,9 @@ fn least_bytes(head: &[u8; HEAD_BYTES]) -> u64 {
     table.saturating_add(short(0x3a) * short(0x3c))
 }
 
-/// Checks a file; the error says what is wrong with it.
-pub fn verify(path: &Path, role: Role) -> Result<Description, String> {
-    verify_unless(path, role, &|| false)
-}
-
-/// The same, until it is given up: then the process that was asked what it is is ended, as one that does not answer. It leads a process group of its own, which
-/// no Ctrl-C reaches, and would outlive whoever asked.
-pub fn verify_unless(path: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Description, String> {
+/// Checks a file; the error says what is wrong with it. Where that is given up meanwhile the process that was asked what it is is ended, as one that does not
+/// answer: it leads a process group of its own, which no Ctrl-C reaches, and would outlive whoever asked.
+pub fn verify(path: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Description, String> {
     let name = path.display();
     let found = std::fs::metadata(path).map_err(|error| format!("{name}: {error}"))?;
     if !found.is_file() {
@@ -221,7 +216,7 @@ mod tests {
             assert!(system::now_ns() < deadline_ns, "it was left");
             system::sleep_ns(BETWEEN_LOOKS_NS);
         }
-        let refused = verify_unless(Path::new("/bin/cat"), Role::Fluid, &|| true).unwrap_err();
+        let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| true).unwrap_err();
         assert!(refused.contains("is it an engine?") || refused.contains("was given up"), "{refused}");
     }
 
@@ -232,15 +227,15 @@ mod tests {
         let script = folder.join("script");
         let mark = folder.join("mark");
         std::fs::write(&script, format!("#!/bin/sh\ntouch {}\n", mark.display())).unwrap();
-        assert!(verify(&script, Role::Fluid).unwrap_err().contains("chmod +x"));
+        assert!(verify(&script, Role::Fluid, &|| false).unwrap_err().contains("chmod +x"));
         std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(verify(&script, Role::Fluid).unwrap_err().contains("no ELF file"));
+        assert!(verify(&script, Role::Fluid, &|| false).unwrap_err().contains("no ELF file"));
         assert!(!mark.exists(), "the script was run");
-        assert!(verify(&folder, Role::Fluid).unwrap_err().contains("is no file"));
-        assert!(verify(&folder.join("absent"), Role::Fluid).unwrap_err().contains("No such file"));
-        assert!(verify(Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        assert!(verify(&folder, Role::Fluid, &|| false).unwrap_err().contains("is no file"));
+        assert!(verify(&folder.join("absent"), Role::Fluid, &|| false).unwrap_err().contains("No such file"));
+        assert!(verify(Path::new("/bin/true"), Role::Fluid, &|| false).unwrap_err().contains("is it an engine?"));
         // In whatever language it complains, the option that it does not know is in it.
-        let refused = verify(Path::new("/bin/cat"), Role::Fluid).unwrap_err();
+        let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| false).unwrap_err();
         assert!(refused.matches(DESCRIBE).count() == 2 && refused.ends_with("is it an engine?"), "{refused}");
         assert_eq!(first_line(b"\n \x1b[1mno lib\xff\n and more").as_deref(), Some("[1mno lib\u{fffd}"));
         assert_eq!((first_line(b" \n"), first_line(&[b'x'; 999]).map(|line| line.len())), (None, Some(MOST_CHARACTERS)));
@@ -248,7 +243,7 @@ mod tests {
         let truncated = folder.join("truncated");
         std::fs::write(&truncated, &whole[..whole.len() - 1]).unwrap();
         std::fs::set_permissions(&truncated, std::fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(verify(&truncated, Role::Fluid).unwrap_err().contains("is truncated"));
+        assert!(verify(&truncated, Role::Fluid, &|| false).unwrap_err().contains("is truncated"));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

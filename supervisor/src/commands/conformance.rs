@@ -110,7 +110,7 @@ fn tell(role: &str, binary: &Path, checks: &[Check], log: &[String], else_what: 
 
 /// What an engine, or a driver of a device, is asked before it is started in earnest: what it is, and whether it refuses what makes no sense.
 fn asked(binary: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Vec<Check>, Refusal> {
-    let described = verify::verify_unless(binary, role, given_up).map_err(Refusal::input)?;
+    let described = verify::verify(binary, role, given_up).map_err(Refusal::input)?;
     let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
     Ok(vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(binary, given_up))])
 }

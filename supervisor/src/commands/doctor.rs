@@ -8,7 +8,7 @@ mod vulkan;
 
 use super::shielded::shielded;
 use crate::settings::Refusal;
-use hyst_engine::verify::verify_unless;
+use hyst_engine::verify::verify;
 use hyst_messages::Role;
 use rustix::fs::Access;
 use serde::Serialize;
@@ -124,7 +124,7 @@ fn lacks(library: &Path) -> Vec<String> {
 pub fn doctor(json: bool) -> Result<u8, Refusal> {
     let findings = shielded(|interrupted| {
         let given_up = || interrupted.load(Ordering::SeqCst);
-        findings(&Machine::own(&|path: &Path| verify_unless(path, Role::Hardware, &given_up).err()))
+        findings(&Machine::own(&|path: &Path| verify(path, Role::Hardware, &given_up).err()))
     })?;
     if json {
         println!("{}", serde_json::to_string_pretty(&findings).map_err(|error| Refusal::failed(error.to_string()))?);
