@@ -1,11 +1,13 @@
 //! An engine that does nothing but what every engine must: it opens its page, becomes live, beats, and stops when asked. The tests of
 //! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
 //! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
-//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot.
+//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot. As a
+//! newcomer `accuses ROLE` refuses what the holder of its role says.
 
+use hyst_engine::kept;
 use hyst_engine::life::{DESCRIBE, Description};
-use hyst_exchange::{OwnedPage, Roster, Station, system};
-use hyst_messages::mischief::Thread;
+use hyst_exchange::{OwnedPage, Roster, Station, StationPage, system};
+use hyst_messages::mischief::{Distrust, Thread};
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
 
@@ -21,7 +23,8 @@ fn main() {
     let station = Station::named(&value("--station")).unwrap();
     let slot = Slot::parse(&value("--slot")).unwrap();
     let incarnation: u32 = value("--incarnation").parse().unwrap();
-    let orders = std::path::Path::new(&arguments[0]).parent().map(|folder| folder.join("fake")).unwrap();
+    let program = kept::name_of(std::path::Path::new(&arguments[0])); // of a copy, the file that it is from
+    let orders = program.parent().map(|folder| folder.join("fake")).unwrap();
     let orders = std::fs::read_to_string(orders).unwrap_or_default();
     let ordered = |what: &str| orders.lines().any(|line| line.trim() == format!("{what} {}", slot.role().name()));
     if ordered("refuse") {
@@ -31,8 +34,8 @@ fn main() {
     if ordered("die") {
         std::process::exit(1);
     }
-    let [doomed, leaks, opens, stands] = ["doomed", "leak", "files", "stands"].map(ordered);
-    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands });
+    let [doomed, leaks, opens, stands, accuses] = ["doomed", "leak", "files", "stands", "accuses"].map(ordered);
+    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands, accuses });
 }
 
 /// What it does wrong.
@@ -41,6 +44,7 @@ struct Vices {
     leaks: bool,
     opens: bool,
     stands: bool,
+    accuses: bool,
 }
 
 /// Memory that a leak takes in each step, bytes.
@@ -55,6 +59,40 @@ fn apply_fresh(page: &OwnedPage, tick: u64) {
     page.add64(hardware::TOTALS + 1, 1);
 }
 
+/// What an engine with a state does in each step: it takes the role if nobody has it, and says whether it has it.
+fn keep_role(page: &OwnedPage, (known, roster): (&StationPage, &Roster), (slot, incarnation): (Slot, u32), vices: &Vices) {
+    let now_ns = system::now_ns();
+    let tick = known.tick_at(now_ns);
+    let holder = roster.holder(slot.role());
+    let mut of_role = known.occupied(slot.role());
+    let lives = of_role.any(|(other, known_as)| known_as == holder.incarnation && !known.is_dead(other));
+    // As real engines do: the first slot founds a role, so that it is known who holds it.
+    let may = holder.epoch > 0 || slot.index() == 0;
+    if holder.is_sound(known.next_incarnation(), tick) && !lives && may {
+        let _ = roster.promote(slot.role(), holder, incarnation);
+    }
+    let holds = roster.holder(slot.role()).incarnation == incarnation;
+    // Whom it accuses it accuses before it is ready, too.
+    let is_early = vices.accuses && page.load64(header::STEPS) < 500;
+    page.set_state(match holds {
+        true => ProcessState::Live,
+        false if is_early => ProcessState::Warming,
+        false => ProcessState::Warm,
+    });
+    if vices.doomed && holds && !known.is_held(slot.role()) {
+        std::process::exit(101);
+    }
+    // Not before it is known who holds the role.
+    if vices.stands && holds && slot.index() == 0 && page.load64(header::STEPS) > 500 {
+        page.store64(header::distrusted(0) + 2, now_ns);
+        page.store64(header::distrusted(0), Thread::Keeper.standstill() << 32 | u64::from(incarnation));
+    }
+    if vices.accuses && slot.is_guest() {
+        page.store64(header::distrusted(0) + 2, now_ns);
+        page.store64(header::distrusted(0), (Distrust::Invalid as u64) << 32 | u64::from(holder.incarnation));
+    }
+}
+
 fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
     let mut leaked: Vec<Vec<u8>> = Vec::new();
     let mut opened = Vec::new();
@@ -64,7 +102,11 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
     page.store64(header::PID, std::process::id() as u64);
     page.set_state(ProcessState::Warming);
     page.store64(header::HEARTBEAT_NS, system::now_ns());
-    page.set_state(if slot.index() == 0 { ProcessState::Live } else { ProcessState::Warm });
+    page.set_state(match slot.index() {
+        0 => ProcessState::Live,
+        _ if vices.accuses => ProcessState::Warming,
+        _ => ProcessState::Warm,
+    });
     let mut hardware_tick = 0;
     while !known.stop_requested() {
         let now_ns = system::now_ns();
@@ -87,24 +129,7 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
                 page.store64(device::SELECTED + 1, known.incarnation(first) as u64);
             }
             Role::Tissue | Role::Fluid => {
-                let holder = roster.holder(slot.role());
-                let mut of_role = known.occupied(slot.role());
-                let lives = of_role.any(|(other, known_as)| known_as == holder.incarnation && !known.is_dead(other));
-                // As real engines do: the first slot founds a role, so that it is known who holds it.
-                let may = holder.epoch > 0 || slot.index() == 0;
-                if holder.is_sound(known.next_incarnation(), tick) && !lives && may {
-                    let _ = roster.promote(slot.role(), holder, incarnation);
-                }
-                let holds = roster.holder(slot.role()).incarnation == incarnation;
-                page.set_state(if holds { ProcessState::Live } else { ProcessState::Warm });
-                if vices.doomed && holds && !known.is_held(slot.role()) {
-                    std::process::exit(101);
-                }
-                // Not before it is known who holds the role.
-                if vices.stands && holds && slot.index() == 0 && page.load64(header::STEPS) > 500 {
-                    page.store64(header::distrusted(0) + 2, now_ns);
-                    page.store64(header::distrusted(0), Thread::Keeper.standstill() << 32 | u64::from(incarnation));
-                }
+                keep_role(&page, (&known, &roster), (slot, incarnation), &vices);
             }
             _ => {}
         }

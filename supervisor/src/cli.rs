@@ -152,6 +152,24 @@ pub enum Command {
     },
 }
 
+impl Command {
+    /// Whether a script reads what it says: JSON on stdout.
+    pub fn is_json(&self) -> bool {
+        match self {
+            Command::Status { json }
+            | Command::Check { json, .. }
+            | Command::Doctor { json }
+            | Command::Bench { json, .. }
+            | Command::Swap { json, .. }
+            | Command::Conformance { json, .. }
+            | Command::Fault { command: FaultCommand::List { json } } => *json,
+            Command::Fault { command: FaultCommand::Inject(args) } => args.json,
+            Command::Fault { command: FaultCommand::Campaign(args) } => args.json,
+            _ => false,
+        }
+    }
+}
+
 /// Arguments of `replay`.
 #[derive(Clone, Debug, Args)]
 pub struct ReplayArgs {

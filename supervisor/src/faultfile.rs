@@ -161,6 +161,14 @@ impl Injection {
         Err(format!("the station has no {}: it has {}", self.target, names.join(", ")))
     }
 
+    /// Whether it comes about in the steps of its victim alone: one that makes none does nothing of it. A tissue tells its topology and how its objects look
+    /// beside them, whoever has the role.
+    pub fn is_of_steps(&self) -> bool {
+        let is_beside = matches!(self.output, Some(Output::Topology | Output::Appearance));
+        let is_lie = self.kind.is_lie() && !is_beside;
+        is_lie || matches!(self.kind, FaultKind::Slow | FaultKind::Poison | FaultKind::LeakLoans)
+    }
+
     /// The engines that it is for; an error if it is for those who keep the station, whom the supervisor cannot be asked to hurt.
     pub fn engines(&self) -> Result<Target, String> {
         match self.check()? {

@@ -101,8 +101,8 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let case = RunCase::of(&station, args)?;
     case::check_end(args, case.as_ref())?;
-    let (settings, plan) = prepare(args, &station, case.as_ref())?;
     let signals = Signals::catch()?;
+    let (settings, plan) = prepare(args, &station, case.as_ref(), &|| signals.stop.load(Ordering::Relaxed))?;
     let report =
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let in_folder = args.record.as_deref().is_some_and(folder::is_folder);

@@ -26,6 +26,7 @@ mod guardian;
 mod journal;
 mod keepers;
 mod ledger;
+mod limits;
 mod lockstep;
 mod mischief;
 mod moment;

@@ -65,7 +65,13 @@ fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
 }
 
 /// The settings and the plan of a run, of a case if there is one. Where the recording's folder was named they have that; its file is made with the station.
-pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<(Settings, Plan), Refusal> {
+/// A driver is asked what it is until it is given up.
+pub fn prepare(
+    args: &RunArgs,
+    station: &Station,
+    case: Option<&RunCase>,
+    given_up: &dyn Fn() -> bool,
+) -> Result<(Settings, Plan), Refusal> {
     if !args.station.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
         return Err(Refusal::input(format!(
             "{}: it ends the supervisor, in test mode alone; unset it, or add --test-mode",
@@ -81,7 +87,7 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
     if let Some(file) = settings.recording() {
         settings.hand = format!("replay:{}", absolute(file)?.display());
     }
-    let driver = args.driver.as_deref().map(|file| check_driver(args, file)).transpose()?;
+    let driver = args.driver.as_deref().map(|file| check_driver(args, file, given_up)).transpose()?;
     if let Some(driver) = &driver {
         settings.hand = format!("driver:{}", driver.display());
     } else {
@@ -187,13 +193,15 @@ fn known_role(name: &str) -> Result<Role, Refusal> {
 }
 
 /// A driver of a device, which is verified before anything starts. The file itself is started, not a copy: it may need what lies beside it.
-fn check_driver(args: &RunArgs, file: &Path) -> Result<PathBuf, Refusal> {
+fn check_driver(args: &RunArgs, file: &Path, given_up: &dyn Fn() -> bool) -> Result<PathBuf, Refusal> {
     if args.lockstep {
         return Err(Refusal::input("--driver --lockstep: no device is moved on a virtual clock; leave one of them out"));
     }
     let file = absolute(file)?;
-    verify(&file, Role::Hardware)
-        .map_err(|reason| Refusal::input(format!("--driver: {reason}; docs/driver.md says what a driver is")))?;
+    verify(&file, Role::Hardware, given_up).map_err(|reason| match given_up() {
+        true => Refusal::failed("interrupted, and nothing was started"),
+        false => Refusal::input(format!("--driver: {reason}; docs/driver.md says what a driver is")),
+    })?;
     Ok(file)
 }
 

@@ -5,6 +5,7 @@
 //! dies while it starts cannot leave a service half-made.
 
 use crate::intent::{Deed, Intent, Mortality};
+use crate::limits::Limits;
 use crate::plan::{Plan, PlanError};
 use crate::policy::Exit;
 use crate::proc;
@@ -56,8 +57,8 @@ enum Service {
 }
 
 /// Starts another process of this very program, `subcommand --station NAME`, in a process group of its own and with the log of `role`: the
-/// supervisor for its guardian, the stand-in of the guardian for the supervisor. With a priority it is real time from the beginning. Gives its process id;
-/// whoever starts it reaps it.
+/// supervisor for its guardian, the stand-in of the guardian for the supervisor. With a priority it is real time from the beginning. It has the limits that the
+/// station began with. Gives its process id; whoever starts it reaps it.
 pub fn start_own(station: &Station, subcommand: &str, role: Role, priority: Option<i32>) -> std::io::Result<u32> {
     let log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(Slot::first(role)))?;
     let mut command = proc::own_program();
@@ -67,6 +68,9 @@ pub fn start_own(station: &Station, subcommand: &str, role: Role, priority: Opti
         Some(priority) => proc::start_at(priority, &mut command)?,
         None => proc::start(&mut command, false)?,
     };
+    if let Some(limits) = Limits::of(station) {
+        limits.give(child.id());
+    }
     Ok(child.id())
 }
 
@@ -82,6 +86,8 @@ pub struct Spawner {
     links: Links,
     plan: Plan,
     held: BTreeMap<(Slot, u32), Vec<Service>>,
+    /// What each process starts with, whatever this one may have by then.
+    limits: Limits,
     /// The slot that starts from another binary than its role's, while a swap tries that.
     pub candidate: Option<(Slot, PathBuf)>,
     /// Where this supervisor is to die, if a test wants that.
@@ -93,7 +99,8 @@ impl Spawner {
     pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan) -> Result<Spawner, LinkError> {
         let links = Links::join(station, "supervisor")?;
         let mortality = Mortality::of(station);
-        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new(), candidate: None, mortality })
+        let limits = Limits::of(station).unwrap_or_else(Limits::own);
+        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new(), limits, candidate: None, mortality })
     }
 
     /// Starts a new incarnation in a slot whose last owner was reaped.
@@ -152,6 +159,7 @@ impl Spawner {
         // Without these two the hand has nothing, or nobody who stands in.
         let in_a_hurry = [Role::Device, Role::Haptic].contains(&slot.role());
         let mut child = proc::start(&mut command, in_a_hurry).map_err(|e| fail(&binary, e))?;
+        self.limits.give(child.id());
         self.mortality.pass("spawn-started");
         self.enter(slot, incarnation, child.id());
         self.mortality.pass("spawn-entered");

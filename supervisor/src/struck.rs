@@ -30,6 +30,8 @@ pub struct Struck {
     pub phase_us: u32,
     /// What the station was doing.
     pub doing: Option<Doing>,
+    /// Why nothing may come of it.
+    pub caution: Option<String>,
 }
 
 /// Why a fault was not done as it was asked for.
@@ -55,7 +57,7 @@ impl Struck {
         }
         let tick = page.tick_at(at_ns);
         let in_tick_ns = at_ns.saturating_sub(page.start_of(tick)).min(TICK_NS - 1);
-        Struck { victims, tick, phase_us: (in_tick_ns / 1_000) as u32, doing: None }
+        Struck { victims, tick, phase_us: (in_tick_ns / 1_000) as u32, ..Struck::default() }
     }
 
     /// What a supervisor answers; `None` if it is of a build that says nothing of it.
@@ -86,7 +88,13 @@ mod tests {
 
     #[test]
     fn what_was_done_is_read_from_an_answer_and_an_older_build_that_says_nothing_did_not_hit_nobody_at_tick_0() {
-        let struck = Struck { victims: vec![hit("tissue:1", 9)], tick: 1_234, phase_us: 301, doing: Some(Doing::default()) };
+        let struck = Struck {
+            victims: vec![hit("tissue:1", 9)],
+            tick: 1_234,
+            phase_us: 301,
+            doing: Some(Doing::default()),
+            caution: Some("a spare".into()),
+        };
         let mut answer = serde_json::to_value(&struck).unwrap();
         answer["weather"] = json!("fine");
         assert_eq!(Struck::of_answer(&answer), Some(struck.clone()), "a newer build says more");

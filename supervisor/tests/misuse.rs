@@ -3,12 +3,13 @@
 
 mod place;
 
-use hyst_messages::Role;
 use hyst_messages::page::{header, roster};
+use hyst_messages::{Role, Slot};
 use place::{PATIENCE, Place, pid_of, text};
 use rustix::process::Signal;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
+use std::process::Stdio;
 use std::time::Instant;
 
 fn station(place: &Place) -> hyst_exchange::Station {
@@ -212,6 +213,37 @@ fn an_engine_that_leaks_hands_over_and_is_replaced_before_the_system_kills_it() 
     let found: Vec<&str> =
         report["faults"].as_array().unwrap().iter().filter_map(|fault| fault["detected_by"].as_str()).collect();
     assert!(found.iter().filter(|by| **by == "growth").count() >= 2, "{found:?}");
+}
+
+/// A newcomer that refused whatever it read had the old engines replaced, one after the other, before anybody knew what it is worth itself.
+#[test]
+fn what_a_newcomer_says_of_others_costs_nobody_his_place_before_it_is_proven() {
+    let place = Place::new("accuses");
+    let child = place.start(&[]);
+    let before = place.wait_ready();
+    let folder = place.folder.join("new");
+    std::fs::create_dir_all(&folder).unwrap();
+    let binary = folder.join("fluid");
+    std::fs::copy(std::fs::canonicalize(place.folder.join("fluid")).unwrap(), &binary).unwrap();
+    std::fs::write(folder.join("fake"), "accuses fluid\n").unwrap();
+    let mut command = place.command(&["swap", "fluid", binary.to_str().unwrap()]);
+    let swapping = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let rows = place.wait("the newcomer", |rows| rows.iter().any(|(name, _, state)| name == "fluid:2" && state == "spare"));
+    let guest = Slot::guest(Role::Fluid).unwrap();
+    let page = station(&place).read_slot(guest, station(&place).open().unwrap().incarnation(guest)).unwrap();
+    let since = Instant::now();
+    while page.load64(header::STEPS) < 1_000 {
+        assert!(since.elapsed() < PATIENCE, "it makes no steps"); // and says in each of them that the holder is not to be trusted
+        std::thread::yield_now();
+    }
+    place::kill(pid_of(&rows, "fluid:2"));
+    let swapped = swapping.wait_with_output().unwrap();
+    assert_eq!(swapped.status.code(), Some(1), "{}{}", text(&swapped.stdout), text(&swapped.stderr));
+    let pids = |rows: &[(String, u64, String)]| rows.iter().map(|(name, pid, _)| (name.clone(), *pid)).collect::<Vec<_>>();
+    assert_eq!(pids(&place.wait_ready()), pids(&before), "{}", events(&place));
+    assert!(!events(&place).contains("is distrusted by"), "{}", events(&place));
+    assert!(place.call(&["stop"]).status.success());
+    child.wait_with_output().unwrap();
 }
 
 /// Nobody found it: its checkpoints grew old, and both of a role that died then went on from an older state.

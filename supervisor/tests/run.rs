@@ -175,6 +175,61 @@ fn a_recording_named_by_its_folder_has_one_file_whoever_takes_the_station_over_a
     assert!(files().len() == 2 && files().contains(&first[0]), "{:?}", files());
 }
 
+/// Whoever was born while a keeper's limit was lowered kept that for its whole life.
+#[test]
+fn who_is_started_by_keepers_of_lowered_limits_has_those_that_the_station_began_with() {
+    use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
+    let place = Place::new("limits");
+    let child = place.start(&[]);
+    let rows = place.wait_ready();
+    let files = |pid: u64| -> Option<String> {
+        let text = std::fs::read_to_string(format!("/proc/{pid}/limits")).ok()?;
+        text.lines().find(|line| line.starts_with("Max open files")).map(str::to_string)
+    };
+    let [supervisor, servo] = ["supervisor", "haptic:0"].map(|name| pid_of(&rows, name));
+    let begun = files(servo);
+    // By one, so that nobody is short of anything.
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    let lowered = Rlimit { current: Some(current.map_or(4_096, |soft| soft - 1)), maximum };
+    for keeper in ["guardian", "supervisor"].map(|name| pid_of(&rows, name)) {
+        prlimit(Pid::from_raw(keeper as i32), Resource::Nofile, lowered).unwrap();
+        assert!(begun.is_some() && files(keeper) != begun, "{begun:?}");
+    }
+    for (name, old) in [("haptic:0", servo), ("supervisor", supervisor)] {
+        kill(old);
+        place.wait(&format!("another {name} of {begun:?}"), |rows| {
+            rows.iter().any(|(known, pid, _)| known == name && *pid != old && files(*pid) == begun)
+        });
+    }
+    assert!(place.call(&["stop"]).status.success());
+    child.wait_with_output().unwrap();
+}
+
+/// A script that asked for JSON found nothing on stdout.
+#[test]
+fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same() {
+    let nobody = format!("t{}-json", std::process::id());
+    let cases: [&[&str]; 8] = [
+        &["swap", "liver", "./x"],
+        &["swap", "fluid", "./x"],
+        &["conformance", "fluid", "/absent"],
+        &["conformance", "driver", "/absent"],
+        &["fault", "inject", "melt", "tissue"],
+        &["fault", "inject", "kill", "tissue"],
+        &["fault", "campaign", "/absent.toml"],
+        &["status"],
+    ];
+    for words in cases {
+        let output = Command::new(HYSTATION).args(["--name", &nobody]).args(words).arg("--json").output().unwrap();
+        let (told, said) = (text(&output.stdout), text(&output.stderr));
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap_or_else(|error| panic!("{words:?}: {error}: {told}"));
+        assert_eq!((output.status.code(), told["exit_code"].as_u64()), (Some(2), Some(2)), "{words:?}: {said}");
+        assert!(told["error"].as_str().is_some_and(|error| said.contains(error)), "{words:?}: {told:#}\n{said}");
+        let plain = Command::new(HYSTATION).args(["--name", &nobody]).args(words).output().unwrap();
+        assert!(plain.stdout.is_empty() && !plain.stderr.is_empty(), "{words:?}: {}", text(&plain.stdout));
+    }
+}
+
 #[test]
 fn bad_arguments_give_one_message_and_code_2_and_start_nothing() {
     let place = Place::new("bad");

@@ -55,10 +55,32 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
         assert_eq!(code, Some(2), "{role} {}: {said}", binary.display());
         assert!(said.contains(reason), "{role} {}: {said}", binary.display());
     }
+    interrupt_while_asked(&station, &bad_engine(&folder, "fluid", "silent"));
     let nobody = run(hystation().args(["--name", "no-such-station", "swap", "fluid"]).arg(binaries().join("fluid")));
     assert_eq!(nobody.0, Some(2), "{}", nobody.2);
     assert_eq!(station.pids(), pids, "somebody was disturbed\n{}", station.said());
     station.stop().assert_clean();
+}
+
+/// Ctrl-C while a file was asked what it is left its process, which leads a group of its own.
+fn interrupt_while_asked(station: &Station, silent: &Path) {
+    let begins = [silent.as_os_str().as_encoded_bytes(), b"\0--describe"].concat();
+    let is_asked = || {
+        let folders = std::fs::read_dir("/proc").expect("what runs").flatten();
+        folders.filter_map(|folder| std::fs::read(folder.path().join("cmdline")).ok()).any(|line| line.starts_with(&begins))
+    };
+    let mut command = hystation();
+    command.args(["--name", station.name(), "swap", "fluid", "--json"]).arg(silent);
+    let begun = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("hystation");
+    assert!(wait_for(RECOVERY_LIMIT, || is_asked().then_some(())).is_some(), "it is never asked");
+    let pid = rustix::process::Pid::from_raw(begun.id() as i32).expect("a process id");
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).expect("it is ours");
+    let ended = begun.wait_with_output().expect("hystation");
+    let (told, said) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
+    assert!(ended.status.code() == Some(3) && said.contains("interrupted: no swap of fluid was begun"), "{told}{said}");
+    let told: Value = serde_json::from_str(&told).expect("nothing but JSON");
+    assert!(told["exit_code"] == 3 && told["error"].as_str().is_some_and(|error| said.contains(error)), "{told:#}");
+    assert!(!is_asked(), "its process was left");
 }
 
 /// Exit code and words of one swap, as it is answered at once.

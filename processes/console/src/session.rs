@@ -23,7 +23,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let door = Door::open(life)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(VERIFIERS).build()?;
     let result = runtime.block_on(live(life, door));
-    runtime.shutdown_background(); // a binary that is being verified is not waited for
+    runtime.shutdown_timeout(LOOK); // by then a binary that was being verified is given up, and ended
     result
 }
 
@@ -67,6 +67,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         life.page.store64(header::TICK, life.tick());
         life.page.add64(header::STEPS, 1);
     }
+    desk.verifying().close();
     if life.clock.stop_requested() {
         desk.end();
         tokio::time::sleep(LOOK).await; // meanwhile it goes out to the browsers

@@ -167,7 +167,8 @@ async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
     }
     // As `hystation swap` does it: verified and copied by an ordinary process, before the supervisor hears of it.
     let station = desk.station().clone();
-    let keeping = move || kept::keep(&station, Path::new(&binary), known);
+    let turns = Arc::clone(desk.verifying());
+    let keeping = move || kept::keep(&station, Path::new(&binary), known, &|| turns.is_closed());
     let Some(kept) = in_turn(desk.verifying(), Instant::now() + KEPT_WITHIN, keeping).await else {
         let text = format!(
             "the binary is not verified and copied after {} s, and nothing was swapped; is the machine busy, or another swap under way? \

@@ -7,8 +7,9 @@
 
 use hyst_engine::Failure;
 use hyst_flow::MAX_STEP_S;
-use hyst_messages::{Controls, HardwareSample, Pose, TICK_NS};
+use hyst_messages::{Controls, HardwareSample, Pose, StreamHeader, TICK_NS};
 use hyst_scene::LoadedScene;
+use std::cell::Cell;
 
 /// Dry steps in which the flow comes up, and those of which the least counts; the first that is short enough ends the search.
 const WARM_UP: usize = 4;
@@ -39,6 +40,16 @@ pub fn longest_step(scene_ticks: u64) -> u64 {
 /// Whether a step is one of those, so that a state can be of it.
 pub fn is_step(scene_ticks: u64, ticks: u64) -> bool {
     steps(scene_ticks).any(|step| step == ticks)
+}
+
+/// Takes the step of a sound state, which is that of all that follow from it; one that founds a role was computed for no tick, and says none. Always true:
+/// whatever a state says of its step, it can be gone on from.
+pub fn takes_step(step_ticks: &Cell<u64>, header: &StreamHeader) -> bool {
+    let ticks = u64::from(header.step_ticks);
+    if (1..=LONGEST_STEP).contains(&ticks) {
+        step_ticks.set(ticks);
+    }
+    true
 }
 
 /// The scope where it rests at first, with the valves as a hand would have them.
@@ -142,6 +153,16 @@ mod tests {
         assert_eq!(found(33, |_, _| 70_000), (Ok(132), WARM_UP + FEW_TRIALS + each + WARM_UP + 1));
         assert_eq!(found(20, |_, ticks| 11_000 + 100 * ticks).0, Ok(40), "longer steps cost a little more");
         assert_eq!(found(33, |_, _| 110_000).0, Ok(132), "the longest that the solver takes is kept up with");
+    }
+
+    #[test]
+    fn a_newcomer_takes_the_step_of_the_state_that_it_goes_on_from() {
+        let step_ticks = Cell::new(33);
+        let after = |ticks: u32| {
+            let is_taken = takes_step(&step_ticks, &StreamHeader { step_ticks: ticks, ..StreamHeader::default() });
+            (is_taken, step_ticks.get())
+        };
+        assert_eq!([66, 0, u32::MAX, 33].map(after), [(true, 66), (true, 66), (true, 66), (true, 33)]);
     }
 
     #[test]

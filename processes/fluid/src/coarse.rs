@@ -6,6 +6,7 @@
 
 use hyst_engine::Failure;
 use hyst_exchange::Station;
+use hyst_scene::LoadedScene;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 
@@ -29,6 +30,14 @@ fn file(station: &Station) -> PathBuf {
 pub fn agreed(station: &Station) -> Option<u32> {
     let text = std::fs::read_to_string(file(station)).ok()?;
     text.trim().parse().ok().filter(|halvings| *halvings <= MOST_HALVINGS)
+}
+
+/// The cells along x, y, z on which the flow of a station is computed, for an engine that comes to it: those that were found, or the scene's where nobody has
+/// found any yet.
+pub fn cells_of(station: &Station, scene: &LoadedScene) -> [usize; 3] {
+    let grid = scene.fluid.grid;
+    let cells = agreed(station).and_then(|halvings| halved(grid, halvings)).unwrap_or(grid);
+    cells.map(|count| count as usize)
 }
 
 /// Says how many times it is to be; gives how many times it is, which another may have said before.
@@ -64,8 +73,11 @@ mod tests {
         station.wipe();
         station.found().unwrap();
         assert_eq!(agreed(&station), None);
+        let scene = hyst_scene::load_or_embedded(None).unwrap();
+        assert_eq!(cells_of(&station, &scene), scene.fluid.grid.map(|count| count as usize));
         assert_eq!((agree(&station, 1).unwrap(), agree(&station, 2).unwrap()), (1, 1));
         assert_eq!(agreed(&station), Some(1));
+        assert_eq!(cells_of(&station, &scene), halved(scene.fluid.grid, 1).unwrap().map(|count| count as usize), "a newcomer's");
         std::fs::write(file(&station), "99").unwrap();
         assert_eq!(agreed(&station), None, "nonsense is nobody's word");
         station.wipe();

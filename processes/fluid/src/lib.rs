@@ -17,7 +17,9 @@ mod status;
 mod tools;
 mod wounds;
 
+pub use afford::takes_step;
 pub use bench::run as bench;
+pub use coarse::cells_of;
 pub use crew::broken;
 pub use engine::{load_scene, model_of};
 pub use status::{Head, status_of};

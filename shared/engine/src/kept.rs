@@ -3,7 +3,7 @@
 //! back to is what ran before it.
 
 use crate::verify::verify;
-use hyst_exchange::{PageError, Station, StationError, system};
+use hyst_exchange::{PageError, Station, StationError, StationPage, system};
 use hyst_messages::Role;
 use rustix::fs::StatVfsMountFlags;
 use std::fs::File;
@@ -37,21 +37,24 @@ impl Kept {
     }
 }
 
-/// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says.
-pub fn keep(station: &Station, binary: &Path, role: Role) -> Result<Kept, String> {
+/// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says. Given
+/// up, as by a station that stops, it leaves no process of that engine.
+pub fn keep(station: &Station, binary: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Kept, String> {
     // An engine is asked for what this program is of. In a station of another layout it would agree with that, end in its start, and have cost the old one by
     // then where there is no spare.
-    if let Err(StationError::Page(PageError::Foreign { .. })) = station.open() {
+    let clock = station.open();
+    if let Err(StationError::Page(PageError::Foreign { .. })) = clock {
         let name = station.name();
         return Err(format!(
             "station {name} is of another build than this program, or damaged; swap with the `hystation` that runs it"
         ));
     }
-    verify(binary, role)?;
+    let given_up = || given_up() || clock.as_ref().is_ok_and(StationPage::stop_requested);
+    verify(binary, role, &given_up)?;
     let kept = copy(station, binary)?;
     if is_copy(&kept.binary) {
         // The file may have become another since it was looked at.
-        verify(&kept.binary, role).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
+        verify(&kept.binary, role, &given_up).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
     }
     Ok(kept)
 }
@@ -266,7 +269,7 @@ mod tests {
         let mut page = std::fs::read(station.station_page()).unwrap();
         page.iter_mut().for_each(|byte| *byte ^= 0x55);
         std::fs::write(station.station_page(), page).unwrap();
-        let refused = keep(&station, Path::new("/bin/true"), Role::Fluid).unwrap_err();
+        let refused = keep(&station, Path::new("/bin/true"), Role::Fluid, &|| false).unwrap_err();
         assert!(refused.contains("another build than this program"), "{refused}");
         station.wipe();
     }
@@ -276,8 +279,8 @@ mod tests {
         let (station, work) = station("none");
         let script = work.join("script");
         std::fs::write(&script, "#!/bin/sh\n").unwrap();
-        assert!(keep(&station, &script, Role::Fluid).unwrap_err().contains("chmod +x"));
-        assert!(keep(&station, Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        assert!(keep(&station, &script, Role::Fluid, &|| false).unwrap_err().contains("chmod +x"));
+        assert!(keep(&station, Path::new("/bin/true"), Role::Fluid, &|| false).unwrap_err().contains("is it an engine?"));
         assert!(!folder(&station).exists());
         station.wipe();
     }

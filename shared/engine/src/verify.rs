@@ -36,8 +36,9 @@ fn least_bytes(head: &[u8; HEAD_BYTES]) -> u64 {
     table.saturating_add(short(0x3a) * short(0x3c))
 }
 
-/// Checks a file; the error says what is wrong with it.
-pub fn verify(path: &Path, role: Role) -> Result<Description, String> {
+/// Checks a file; the error says what is wrong with it. Where that is given up meanwhile the process that was asked what it is is ended, as one that does not
+/// answer: it leads a process group of its own, which no Ctrl-C reaches, and would outlive whoever asked.
+pub fn verify(path: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Description, String> {
     let name = path.display();
     let found = std::fs::metadata(path).map_err(|error| format!("{name}: {error}"))?;
     if !found.is_file() {
@@ -54,7 +55,7 @@ pub fn verify(path: &Path, role: Role) -> Result<Description, String> {
     if least_bytes(&head) > found.len() {
         return Err(format!("{name} is truncated: {} bytes of at least {}; is it damaged?", found.len(), least_bytes(&head)));
     }
-    let said = ask(path)?;
+    let said = ask(path, given_up)?;
     let description: Description = serde_json::from_str(said.trim())
         .map_err(|error| format!("{name} {DESCRIBE} does not say what it is ({error}); is it an engine?"))?;
     agrees(&description, &Description::of(role)).map_err(|reason| format!("{name} {reason}"))?;
@@ -83,7 +84,7 @@ pub fn agrees(said: &Description, wanted: &Description) -> Result<(), String> {
 }
 
 /// What a program says of itself.
-fn ask(path: &Path) -> Result<String, String> {
+fn ask(path: &Path, given_up: &dyn Fn() -> bool) -> Result<String, String> {
     let name = path.display();
     let started = Command::new(path)
         .arg(DESCRIBE)
@@ -102,9 +103,10 @@ fn ask(path: &Path) -> Result<String, String> {
         let read = out.map(|out| out.take(MOST_BYTES).read_to_string(&mut text));
         let _ = tell.send(read.is_some_and(|read| read.is_ok()).then_some(text)); // nobody waits any more
     });
-    let status = wait_within(&mut child, ANSWER_WITHIN_NS);
+    let status = wait_unless(&mut child, ANSWER_WITHIN_NS, given_up);
     let text = told.recv_timeout(READ_WITHIN).ok().flatten();
     match status {
+        None if given_up() => Err(format!("{name} {DESCRIBE} was given up before it had ended")),
         None => Err(format!("{name} {DESCRIBE} did not end within {} s; is it an engine?", ANSWER_WITHIN_NS / 1_000_000_000)),
         Some(status) if !status.success() => {
             let said = complaint.recv_timeout(READ_WITHIN).ok().and_then(|head| first_line(&head));
@@ -139,7 +141,12 @@ fn first_line(said: &[u8]) -> Option<String> {
 /// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
 /// child of it could hold a pipe open, and there is no status.
 pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
-    let status = await_end(child, limit_ns);
+    wait_unless(child, limit_ns, &|| false)
+}
+
+/// The same, and also killed as soon as it is given up.
+pub fn wait_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool) -> Option<ExitStatus> {
+    let status = await_unless(child, limit_ns, given_up);
     if status.is_none() {
         if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
             let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
@@ -151,12 +158,16 @@ pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
 
 /// Waits for the end of a child; `None` of one that has not ended within `limit_ns`, to which nothing is done.
 pub fn await_end(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
+    await_unless(child, limit_ns, &|| false)
+}
+
+fn await_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool) -> Option<ExitStatus> {
     let deadline_ns = system::now_ns() + limit_ns;
     loop {
         if let Ok(Some(status)) = child.try_wait() {
             return Some(status);
         }
-        if system::now_ns() >= deadline_ns {
+        if system::now_ns() >= deadline_ns || given_up() {
             return None;
         }
         system::sleep_ns(BETWEEN_LOOKS_NS);
@@ -186,6 +197,29 @@ mod tests {
         }
     }
 
+    /// Ctrl-C while a file was asked what it is left its process, and all that it had started.
+    #[test]
+    fn who_is_given_up_is_ended_with_all_that_it_has_started() {
+        use std::io::{BufRead, BufReader};
+        let mut command = Command::new("sh");
+        command.args(["-c", "sleep 600 & echo $!; wait"]).stdin(Stdio::null()).stdout(Stdio::piped()).process_group(0);
+        let mut child = command.spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let stat = format!("/proc/{}/stat", line.trim());
+        // One that nobody reaps stays as a zombie.
+        let lives = || std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z "));
+        assert!(lives(), "{stat}");
+        assert_eq!(wait_unless(&mut child, u64::MAX / 4, &|| true), None);
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        while lives() {
+            assert!(system::now_ns() < deadline_ns, "it was left");
+            system::sleep_ns(BETWEEN_LOOKS_NS);
+        }
+        let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| true).unwrap_err();
+        assert!(refused.contains("is it an engine?") || refused.contains("was given up"), "{refused}");
+    }
+
     #[test]
     fn what_is_no_program_is_refused_before_it_is_started() {
         let folder = std::env::temp_dir().join(format!("verify-{}", std::process::id()));
@@ -193,15 +227,15 @@ mod tests {
         let script = folder.join("script");
         let mark = folder.join("mark");
         std::fs::write(&script, format!("#!/bin/sh\ntouch {}\n", mark.display())).unwrap();
-        assert!(verify(&script, Role::Fluid).unwrap_err().contains("chmod +x"));
+        assert!(verify(&script, Role::Fluid, &|| false).unwrap_err().contains("chmod +x"));
         std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(verify(&script, Role::Fluid).unwrap_err().contains("no ELF file"));
+        assert!(verify(&script, Role::Fluid, &|| false).unwrap_err().contains("no ELF file"));
         assert!(!mark.exists(), "the script was run");
-        assert!(verify(&folder, Role::Fluid).unwrap_err().contains("is no file"));
-        assert!(verify(&folder.join("absent"), Role::Fluid).unwrap_err().contains("No such file"));
-        assert!(verify(Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        assert!(verify(&folder, Role::Fluid, &|| false).unwrap_err().contains("is no file"));
+        assert!(verify(&folder.join("absent"), Role::Fluid, &|| false).unwrap_err().contains("No such file"));
+        assert!(verify(Path::new("/bin/true"), Role::Fluid, &|| false).unwrap_err().contains("is it an engine?"));
         // In whatever language it complains, the option that it does not know is in it.
-        let refused = verify(Path::new("/bin/cat"), Role::Fluid).unwrap_err();
+        let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| false).unwrap_err();
         assert!(refused.matches(DESCRIBE).count() == 2 && refused.ends_with("is it an engine?"), "{refused}");
         assert_eq!(first_line(b"\n \x1b[1mno lib\xff\n and more").as_deref(), Some("[1mno lib\u{fffd}"));
         assert_eq!((first_line(b" \n"), first_line(&[b'x'; 999]).map(|line| line.len())), (None, Some(MOST_CHARACTERS)));
@@ -209,7 +243,7 @@ mod tests {
         let truncated = folder.join("truncated");
         std::fs::write(&truncated, &whole[..whole.len() - 1]).unwrap();
         std::fs::set_permissions(&truncated, std::fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(verify(&truncated, Role::Fluid).unwrap_err().contains("is truncated"));
+        assert!(verify(&truncated, Role::Fluid, &|| false).unwrap_err().contains("is truncated"));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

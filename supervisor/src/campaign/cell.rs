@@ -334,6 +334,13 @@ impl Cell {
         is_of_newcomer(&self.injection.target)
     }
 
+    /// Whether it is asked of a spare that makes no steps, where nothing else is under way, and comes about in steps alone.
+    pub fn is_of_idle_spare(&self) -> bool {
+        let target = Target::parse(&self.injection.target);
+        let is_idle = target.is_some_and(|target| target.which == Which::Spare && target.role.is_stateful());
+        is_idle && self.injection.is_of_steps() && !matches!(self.state, State::Recovery | State::Swap)
+    }
+
     /// Whether it leaves damage in what is shared that a process may read long after, when another fault has come: its stations have no other faults.
     pub fn leaves_damage(&self) -> bool {
         self.injection.place.is_some_and(|place| place != Place::Checkpoint)

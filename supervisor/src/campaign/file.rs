@@ -332,6 +332,12 @@ impl Campaign {
                 }
             }
         }
+        found.extend(self.cells.iter().filter(|cell| cell.is_of_idle_spare()).map(|cell| {
+            format!(
+                "cell {}: a spare makes only the steps that its holder misses, and until there is one nothing comes of it",
+                cell.name
+            )
+        }));
         found
     }
     /// Faults in all arms; of more than can be counted the largest number.

@@ -66,7 +66,7 @@ fn admitted(campaign: &Campaign, arm: &Arm) -> Result<Admitted, Refusal> {
         return Err(failed(&"a station is started by run"));
     };
     let case = RunCase::of(&station, &args)?;
-    let (settings, plan) = prepare(&args, &station, case.as_ref())?;
+    let (settings, plan) = prepare(&args, &station, case.as_ref(), &|| false)?;
     admit(&settings, &plan, case.as_ref())
 }
 

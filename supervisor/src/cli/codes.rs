@@ -5,10 +5,10 @@ pub const ALL: &str = "Exit codes: 0 good; 1 failed, or a promise broken; 2 bad 
                        something was lost or is not known.";
 /// Of `swap`.
 pub const SWAP: &str = "Exit codes: 0 the new engine has the role; 1 it was rolled back, or how it ended is not known; 2 it was refused, and nothing was \
-                        disturbed; 3 this command was interrupted, and the swap goes on.";
+                        disturbed; 3 this command was interrupted, and a swap that it has begun goes on.";
 /// Of `conformance`.
 pub const CONFORMANCE: &str = "Exit codes: 0 it conforms; 1 it does not; 2 it is no engine of that role, or there can be no such station; 3 this machine \
-                               gave it no time to show what it is, or no station to show it in.";
+                               gave it no time to show what it is, or no station to show it in, or this command was interrupted.";
 /// Of `fault inject`.
 pub const INJECT: &str = "Exit codes: 0 it was done; 1 it was done by half, nobody knows whether it was done, or the state did not come; 2 it was refused, \
                           and nobody is hurt; 3 it was interrupted, and has ended before its time.";

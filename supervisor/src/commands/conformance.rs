@@ -3,11 +3,13 @@
 //! back; its steps are looked at, and whether it does wrong when it is asked to; then that station is stopped, how it ends with it is looked at, and what is left
 //! of it is counted.
 //!
-//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in.
+//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in, or
+//! this command was interrupted.
 
 mod driver;
 mod own;
 
+use super::shielded::shielded;
 use super::swap::swap_and_wait;
 use crate::policy::Cause;
 use crate::settings::Refusal;
@@ -21,6 +23,7 @@ use std::io::{Read, Seek};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::Ordering;
 
 /// How long the private station may take to be whole: a start takes a second, on a busy machine a minute.
 const WHOLE_WITHIN_NS: u64 = 120_000_000_000;
@@ -66,16 +69,15 @@ pub struct Place<'a> {
 pub fn conformance(role: &str, binary: &Path, place: Place, json: bool) -> Result<u8, Refusal> {
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
     if role == DRIVER {
-        let checks = driver::conformance(&binary).map_err(|refusal| match refusal.code {
+        let found = shielded(|interrupted| driver::conformance(&binary, &|| interrupted.load(Ordering::SeqCst)))?;
+        let checks = found.map_err(|refusal| match refusal.code {
             2 => refusal,
             _ => Refusal { code: 3, ..refusal }, // it says nothing of the driver
         })?;
         return Ok(tell(DRIVER, &binary, &checks, &[], "a station would not be safe with it", json));
     }
     let role = role_of(role).map_err(Refusal::input)?;
-    let described = verify::verify(&binary, role).map_err(Refusal::input)?;
-    let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
-    let mut checks = vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(&binary))];
+    let mut checks = shielded(|interrupted| asked(&binary, role, &|| interrupted.load(Ordering::SeqCst)))??;
     let (found, log) = in_a_station(role, &binary, place)?;
     checks.extend(found);
     Ok(tell(role.name(), &binary, &checks, &log, "a trainee's station would not be safe with it", json))
@@ -106,8 +108,15 @@ fn tell(role: &str, binary: &Path, checks: &[Check], log: &[String], else_what: 
     code
 }
 
+/// What an engine, or a driver of a device, is asked before it is started in earnest: what it is, and whether it refuses what makes no sense.
+fn asked(binary: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Vec<Check>, Refusal> {
+    let described = verify::verify(binary, role, given_up).map_err(Refusal::input)?;
+    let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
+    Ok(vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(binary, given_up))])
+}
+
 /// An engine whose arguments make no sense says so and ends with code 2; it does not begin to do something.
-fn refuses(binary: &Path) -> Result<String, String> {
+fn refuses(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<String, String> {
     let station = format!("c{}-absent", std::process::id());
     let words = ["--station", &station, "--slot", "nonsense", "--incarnation", "1"];
     let mut child = Command::new(binary)
@@ -118,7 +127,7 @@ fn refuses(binary: &Path) -> Result<String, String> {
         .process_group(0)
         .spawn()
         .map_err(|error| error.to_string())?;
-    match crate::proc::wait_within(&mut child, REFUSES_WITHIN_NS) {
+    match crate::proc::wait_unless(&mut child, REFUSES_WITHIN_NS, given_up) {
         Some(status) if status.code() == Some(2) => Ok("--slot nonsense: exit code 2".into()),
         Some(status) => Err(format!("--slot nonsense: {status}; it must be exit code 2 and a message on stderr")),
         None => Err("--slot nonsense: it does not end; it must be exit code 2".into()),

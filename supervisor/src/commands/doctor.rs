@@ -6,13 +6,16 @@ mod devices;
 mod machine;
 mod vulkan;
 
+use super::shielded::shielded;
 use crate::settings::Refusal;
+use hyst_engine::verify::verify;
 use hyst_messages::Role;
 use rustix::fs::Access;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::Ordering;
 
 /// The linker of programs of this system; it lists what a library needs without running anything of it.
 const LINKER: &str = "/lib64/ld-linux-x86-64.so.2";
@@ -53,7 +56,7 @@ impl Finding {
 }
 
 /// Where the checks look.
-struct Machine {
+struct Machine<'a> {
     /// What stands before each path of a file.
     root: PathBuf,
     environment: BTreeMap<String, String>,
@@ -62,12 +65,12 @@ struct Machine {
     /// Libraries that a library needs and that are not there.
     lacks: fn(&Path) -> Vec<String>,
     /// Why a file is no driver of a device.
-    refuses: fn(&Path) -> Option<String>,
+    refuses: &'a dyn Fn(&Path) -> Option<String>,
 }
 
-impl Machine {
+impl<'a> Machine<'a> {
     /// This one.
-    fn own() -> Machine {
+    fn own(refuses: &'a dyn Fn(&Path) -> Option<String>) -> Machine<'a> {
         Machine {
             root: PathBuf::from("/"),
             environment: std::env::vars_os()
@@ -75,7 +78,7 @@ impl Machine {
                 .collect(),
             may: |path, access| rustix::fs::access(path, access).is_ok(),
             lacks,
-            refuses: |path| hyst_engine::verify::verify(path, Role::Hardware).err(),
+            refuses,
         }
     }
 
@@ -119,7 +122,10 @@ fn lacks(library: &Path) -> Vec<String> {
 
 /// Looks at the machine; exit code 1 if a station cannot run on it. As JSON: an array of `what`, `state` (good, weak, bad), `found` and `cure`.
 pub fn doctor(json: bool) -> Result<u8, Refusal> {
-    let findings = findings(&Machine::own());
+    let findings = shielded(|interrupted| {
+        let given_up = || interrupted.load(Ordering::SeqCst);
+        findings(&Machine::own(&|path: &Path| verify(path, Role::Hardware, &given_up).err()))
+    })?;
     if json {
         println!("{}", serde_json::to_string_pretty(&findings).map_err(|error| Refusal::failed(error.to_string()))?);
     } else {
@@ -157,7 +163,7 @@ mod made_up {
     use super::*;
 
     /// A machine of a test's own, with nothing on it; removed when it is dropped.
-    pub struct MadeUp(pub Machine);
+    pub struct MadeUp(pub Machine<'static>);
 
     impl MadeUp {
         pub fn new(name: &str) -> MadeUp {
@@ -169,7 +175,7 @@ mod made_up {
                 environment: BTreeMap::new(),
                 may: |path, _| path.exists(),
                 lacks: |_| Vec::new(),
-                refuses: |path| (!path.exists()).then(|| "is not there".to_string()),
+                refuses: &|path: &Path| (!path.exists()).then(|| "is not there".to_string()),
             })
         }
 

@@ -16,7 +16,7 @@ use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::struck::Struck;
 use crate::swap::Record;
-use crate::{keepers, shortage};
+use crate::{keepers, shortage, warn};
 use hyst_exchange::{Station, StationPage, system};
 use serde_json::{Value, json};
 
@@ -109,12 +109,13 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
         }
     };
     let (struck, has_lasted) = done.map_err(not_done)?;
+    struck.iter().filter_map(|struck| struck.caution.as_ref()).for_each(|line| warn(line));
     println!("{}", told(args, wanted, struck.as_ref()));
     if has_lasted {
         return Ok(0);
     }
-    let message = format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target);
-    Err(Refusal { code: INTERRUPTED, message })
+    warn(&format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target));
+    Ok(INTERRUPTED)
 }
 
 /// What was done, in words or as JSON; of a supervisor of an older build nobody knows more than that it was.
@@ -243,7 +244,7 @@ mod tests {
         };
         let plain = args("hystation fault inject kill tissue:active");
         let hit = crate::struck::Hit { process: "tissue:1".into(), incarnation: 9, pid: 77 };
-        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301, doing: None };
+        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301, ..Struck::default() };
         assert_eq!(told(&plain, None, Some(&struck)), struck.line("kill"));
         let older = told(&plain, None, None);
         assert!(older.contains("kill of tissue:active: it was done") && older.contains("older build"), "{older}");

@@ -10,6 +10,7 @@ pub mod logs;
 mod others;
 pub mod replay;
 pub mod report;
+mod shielded;
 pub mod status;
 pub mod stop;
 pub mod swap;
@@ -19,18 +20,28 @@ use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
 use hyst_exchange::Station;
 use hyst_messages::Role;
+use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
 /// Does what the command line says.
 pub fn run(cli: Cli) -> ExitCode {
+    let is_json = cli.command.is_json();
     match choose(cli) {
         Ok(code) => ExitCode::from(code),
         Err(refusal) => {
+            if is_json {
+                let _ = writeln!(std::io::stdout(), "{:#}", not_done(&refusal)); // nobody reads it any more
+            }
             crate::warn(&refusal.message);
             ExitCode::from(refusal.code)
         }
     }
+}
+
+/// What a script that wanted JSON is told of a command that was not done, or failed: what `check` says of a scene that cannot be, and the exit code.
+fn not_done(refusal: &Refusal) -> serde_json::Value {
+    serde_json::json!({ "error": refusal.message, "exit_code": refusal.code })
 }
 
 fn choose(cli: Cli) -> Result<u8, Refusal> {

@@ -2,7 +2,7 @@
 //! station hears of it; then the supervisor does it, and this command says what happened.
 //!
 //! Exit codes: 0 the newcomer has the role, 1 it was rolled back, or how it ended is not known, 2 it was refused and nothing was disturbed, 3 this command was
-//! interrupted, and the swap goes on.
+//! interrupted, and a swap that it has begun goes on.
 
 use super::no_station;
 use crate::control::{NoAnswer, Request, ask_once};
@@ -27,11 +27,11 @@ const BEGUN_WITHIN_NS: u64 = 10_000_000_000;
 
 /// Swaps, and prints what happened.
 pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<u8, Refusal> {
-    let number = begin(station, role, binary)?;
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
     }
+    let number = begin_unless(station, role, binary, &interrupted)?;
     let record = wait(station, number, &interrupted)?;
     if json {
         let text = serde_json::to_string_pretty(&record).map_err(|e| Refusal::failed(e.to_string()))?;
@@ -45,6 +45,11 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
 
 /// Asks for a swap to the station's own copy of an engine; gives its number.
 pub fn begin(station: &Station, role: &str, binary: &Path) -> Result<u64, Refusal> {
+    begin_unless(station, role, binary, &AtomicBool::new(false))
+}
+
+/// The same, unless it is interrupted before it is asked for: then nobody is left who was asked what he is.
+fn begin_unless(station: &Station, role: &str, binary: &Path, interrupted: &AtomicBool) -> Result<u64, Refusal> {
     let known = role_of(role).map_err(Refusal::input)?;
     // Not resolved: a program may go by the name that it is called by.
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
@@ -52,7 +57,12 @@ pub fn begin(station: &Station, role: &str, binary: &Path) -> Result<u64, Refusa
         return Err(no_station(station));
     }
     // To the end of this, when the supervisor has written down what it is for.
-    let kept = kept::keep(station, &binary, known).map_err(Refusal::input)?;
+    let kept = kept::keep(station, &binary, known, &|| interrupted.load(Ordering::Relaxed));
+    if interrupted.load(Ordering::Relaxed) {
+        let message = format!("interrupted: no swap of {role} was begun, and nothing was disturbed");
+        return Err(Refusal { code: INTERRUPTED, message });
+    }
+    let kept = kept.map_err(Refusal::input)?;
     let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
     let before = Record::read(station).map_or(0, |record| record.number);
     match ask_once(station, &request) {
@@ -137,6 +147,20 @@ pub fn table(record: &Record) -> String {
 mod tests {
     use super::*;
     use crate::swap::tests::record;
+
+    /// Ctrl-C while a file was asked what it is left its process.
+    #[test]
+    fn a_command_that_is_interrupted_before_its_swap_has_begun_begins_none() {
+        let station = Station::named(&format!("t{}-none-begun", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let refused = |interrupted| {
+            begin_unless(&station, "fluid", Path::new("/bin/cat"), &AtomicBool::new(interrupted)).map_err(|refusal| refusal.code)
+        };
+        assert_eq!([refused(true), refused(false)], [Err(INTERRUPTED), Err(2)]);
+        assert!(!station.swap().exists());
+        station.wipe();
+    }
 
     /// Ctrl-C said nothing, and looked as if the swap had ended with the command.
     #[test]

@@ -3,6 +3,7 @@
 mod again;
 mod half;
 mod instead;
+mod spare;
 
 use super::Faults;
 use crate::active::active_now;
@@ -64,6 +65,7 @@ impl Faults {
         if kind == FaultKind::Cont {
             again::check(&victims)?;
         }
+        let caution = self.caution(&victims, injection, viewer);
         self.note_active(system::now_ns(), viewer);
         let hinders = kind.mischief().is_some_and(|what| what.is_of_start());
         if hinders {
@@ -91,9 +93,10 @@ impl Faults {
             return Ok(struck);
         }
         self.do_to_all(&victims, injection, now_ns, target.which == Which::Both)?;
+        caution.iter().for_each(|line| journal::say(&self.station, line));
         // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
         let doing = Some(Doing::of(&self.station, &self.slots, viewer));
-        Ok(Struck { doing, ..struck })
+        Ok(Struck { doing, caution, ..struck })
     }
 
     fn ask(&self, victim: &Victim, injection: &Injection, now_ns: u64) -> Option<u64> {

@@ -9,6 +9,7 @@ use crate::build::Beside;
 use crate::case::RunCase;
 use crate::cli::Again;
 use crate::commands::check::Admitted;
+use crate::limits::Limits;
 use crate::name;
 use crate::notify::Notifier;
 use crate::plan::{Plan, PlanError};
@@ -216,6 +217,7 @@ fn make(
     };
     laid_down(station.settings(), text.as_bytes())?;
     laid_down(station.pivot(), &pivot_m.map(f32::to_ne_bytes).concat())?;
+    laid_down(Limits::path(station), Limits::own().text().as_bytes())?;
     build.map_or(Ok(()), |build| laid_down(station.build(), build.as_bytes()))?;
     wanted.plan.write(station).map_err(|e| match &e {
         PlanError::File { source, .. } => Refusal::of_system(source.kind(), e.to_string()),

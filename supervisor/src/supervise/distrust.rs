@@ -41,6 +41,11 @@ impl Supervisor {
                 self.heed_newcomer(&charge, is_grave, now_ns);
                 continue;
             }
+            // Nobody knows yet what one is worth that a swap has brought: one that refuses all that it reads would have the old ones replaced. Who stands
+            // beside it reads the same, and what it refuses itself it does not use.
+            if self.is_unproven(charge.by) {
+                continue;
+            }
             if self.heeded.contains(&charge.incarnation) || !self.is_grave(&charge, slot, now_ns) {
                 continue;
             }

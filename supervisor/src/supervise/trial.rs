@@ -3,6 +3,7 @@
 
 mod effort;
 mod forces;
+mod newcomer;
 
 use super::{Input, Supervisor};
 use crate::journal;
@@ -265,12 +266,6 @@ impl Supervisor {
             self.note_role(false);
             self.note_step(&format!("{} went from it to incarnation {now}", role.name()));
         }
-    }
-
-    /// Whether an incarnation is the newcomer of the swap under way, and not yet proven.
-    pub(super) fn is_newcomer(&self, incarnation: u32) -> bool {
-        let of = |trial: &Trial| trial.record.incarnation == incarnation && !trial.record.proven;
-        incarnation != 0 && self.trial.as_ref().is_some_and(of)
     }
 
     pub(super) fn doubt(&mut self, incarnation: u32, reason: Reason) {

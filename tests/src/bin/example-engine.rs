@@ -2,7 +2,7 @@
 //! `hyst-flow` from one state to the next; following, substituting, promotion, swap and rollback are `hyst_engine::run_stateful`.
 //! `hystation swap fluid target/release/example-engine` puts it in the place of the real one.
 
-use fluid::{Head, Instrument, broken, load_scene, model_of};
+use fluid::{Head, Instrument, broken, cells_of, load_scene, model_of};
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::ReadPage;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
@@ -10,12 +10,13 @@ use hyst_flow::{FlowInputs, MAX_BUBBLES, Particle, Solver, StateView};
 use hyst_messages::page::{fluid as layout, hardware};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
+use std::cell::Cell;
 
 struct Still<'a> {
     life: &'a Life,
     solver: Solver,
     instrument: Instrument,
-    period_ticks: u64,
+    step_ticks: Cell<u64>,
     hardware: Option<ReadPage>,
     status: FluidStatus,
 }
@@ -49,7 +50,7 @@ impl Stateful for Still<'_> {
         message_bytes(&self.sections())
     }
     fn step_ticks(&self) -> u64 {
-        self.period_ticks
+        self.step_ticks.get()
     }
     fn interests(&self) -> Vec<(Role, Wanted)> {
         vec![(Role::Hardware, Wanted::Page)]
@@ -58,8 +59,9 @@ impl Stateful for Still<'_> {
         self.write(header, state)
     }
     fn accepts(&self, state: &[u8]) -> bool {
-        let block = Message::parse(state, Kind::FluidState).and_then(|message| message.section::<u8>(1));
-        block.is_ok_and(|block| block.len() == self.solver.state_bytes() && StateView::new(block).is_ok())
+        let Ok(message) = Message::parse(state, Kind::FluidState) else { return false };
+        let fits = |block: &[u8]| block.len() == self.solver.state_bytes() && StateView::new(block).is_ok();
+        message.section::<u8>(1).is_ok_and(fits) && fluid::takes_step(&self.step_ticks, message.header())
     }
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let message = Message::parse(now, Kind::FluidState)?;
@@ -86,10 +88,10 @@ impl Stateful for Still<'_> {
 
 fn run(life: &Life) -> Result<(), Failure> {
     let scene = load_scene(life.scene().as_deref())?;
-    let model = model_of(&scene, scene.fluid.grid.map(|count| count as usize)).map_err(broken)?;
+    let model = model_of(&scene, cells_of(&life.station, &scene)).map_err(broken)?;
     let (solver, status) = (Solver::new(model, 1).map_err(broken)?, FluidStatus::default());
-    let (instrument, period_ticks) = (Instrument::of(&scene), scene.fluid.period_ticks());
-    hyst_engine::run_stateful(life, Still { life, solver, instrument, period_ticks, hardware: None, status })
+    let (instrument, step_ticks) = (Instrument::of(&scene), Cell::new(scene.fluid.period_ticks()));
+    hyst_engine::run_stateful(life, Still { life, solver, instrument, step_ticks, hardware: None, status })
 }
 
 fn main() -> std::process::ExitCode {

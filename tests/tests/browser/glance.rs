@@ -318,7 +318,9 @@ const FAULTS: &str = r"(() => {
     const fresh = { kind: 'external', target: 'recorder', active: false, tick: 20, manifested: false, detected_us: null, recovered_us: null,
         promise_held: null, window: null, control: null };
     const hit = hitBy({ victims: [{ process: 'recorder', incarnation: 3, pid: 9 }], tick: 1500, phase_us: 1 });
-    return { forms, isValid, outcomes: [judged, { ...judged, promise_held: false }, fresh].map(outcomeOf), hits: [hit, hitBy({})] };
+    const idle = hitBy({ victims: [{ process: 'tissue:1', incarnation: 4, pid: 8 }], tick: 2000, phase_us: 1, caution: 'it is a spare' });
+    const outcomes = [judged, { ...judged, promise_held: false }, fresh].map(outcomeOf);
+    return { forms, isValid, outcomes, hits: [hit, idle, hitBy({})] };
 })()";
 
 /// That a tester is offered what can be, and reads what came of it.
@@ -332,5 +334,6 @@ fn assert_faults_are_asked_for_as_they_can_be_and_told_of(browser: &mut Browser)
     let [held, broken] = ["the promise held", "THE PROMISE IS BROKEN"].map(|verdict| format!("{judged}{verdict}"));
     let fresh = "0.020 s, from outside: recorder – not shown so far; found by nobody so far; not over yet; no verdict yet";
     assert_eq!(told["outcomes"], json!([[held, "good"], [broken, "bad"], [fresh, ""]]));
-    assert_eq!(told["hits"], json!(["Done to recorder (life 3, pid 9) at 1.500 s", "Done"]));
+    let [hit, idle] = ["recorder (life 3, pid 9) at 1.500 s", "tissue:1 (life 4, pid 8) at 2.000 s (it is a spare)"];
+    assert_eq!(told["hits"], json!([format!("Done to {hit}"), format!("Done to {idle}"), "Done"]));
 }

@@ -31,13 +31,15 @@ impl<S: Stateful> Loop<'_, S> {
             let orphaned = holder.epoch > 0 && !self.holder_lives(holder) && !self.has_warm_spare();
             let late = silence.look(system::now_ns(), 0) > NEWBORN_PATIENCE_NS; // no sign: no state has come
             if late && self.is_guest() {
-                return Err(Failure::Broken("no state of the role has come, and a newcomer on trial founds nothing".into()));
+                let refused = self.life.page.load64(header::INVALID);
+                return Err(Failure::Broken(format!("{}, and a newcomer on trial founds nothing", without_a_state(refused))));
             }
             if late && self.founded {
                 return Err(Failure::Broken("the state that this process founded the role with did not come back".into()));
             }
             if late && holder.epoch > 0 && self.holder_lives(holder) {
-                return Err(Failure::Broken("no state has come from the role's holder, although it lives".into()));
+                let refused = self.life.page.load64(header::INVALID);
+                return Err(Failure::Broken(format!("its holder lives, and {}", without_a_state(refused))));
             }
             if !self.founded && !self.is_guest() && (nobody || orphaned || late && !self.has_warm_spare()) {
                 if self.is_sound(holder) {
@@ -136,5 +138,25 @@ impl<S: Stateful> Loop<'_, S> {
         }
         self.life.say(&format!("{what}: it begins anew"));
         Ok(None)
+    }
+}
+
+/// Why a process has no state to go on from: there was none, or it took so many for such as cannot be gone on from.
+fn without_a_state(refused: u64) -> String {
+    match refused {
+        0 => "no state of the role has come".into(),
+        _ => format!("none of {refused} states of the role was accepted (of another grid, another mesh, or not sound?)"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A newcomer that refused each state was said to have had none.
+    #[test]
+    fn one_that_has_refused_states_says_so() {
+        assert_eq!(without_a_state(0), "no state of the role has come");
+        assert!(without_a_state(7).starts_with("none of 7 states of the role was accepted"), "{}", without_a_state(7));
     }
 }

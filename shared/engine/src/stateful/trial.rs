@@ -11,6 +11,7 @@ use crate::life::Failure;
 use crate::realtime;
 use hyst_exchange::succession::{Turn, most_misses, spare_turn};
 use hyst_exchange::{Tenure, system};
+use hyst_messages::Message;
 use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, header};
@@ -83,16 +84,11 @@ impl<S: Stateful> Loop<'_, S> {
     /// a spare like any other: while the other slots are settled there may be nobody else who has the state.
     pub(super) fn shadow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
         let swap = self.life.clock.swap(self.role);
-        if swap.guest != self.me() || self.chain.newest().is_none() {
-            return Ok(());
-        }
+        let Some(newest) = self.chain.newest().filter(|_| swap.guest == self.me()) else { return Ok(()) };
+        let of_role = u64::from(Message::parse(newest.bytes(), self.engine.kind())?.header().step_ticks);
         let (newest_tick, step) = (self.chain.key().1, self.engine.step_ticks());
         match swap.stage {
-            Stage::Shadow => {
-                let next_tick = newest_tick + step;
-                let skipped = step <= SHORT_STEP_TICKS && !(next_tick / step).is_multiple_of(SHADOW_EVERY);
-                if skipped { Ok(()) } else { self.make_beside(next_tick, holder, false) }
-            }
+            Stage::Shadow if is_shadowed(newest_tick, step, of_role) => self.make_beside(newest_tick + step, holder, false),
             // Between two steps: the holder has done the one of this tick, and has not begun the next.
             Stage::Trial if self.trial.turns < MOST_TURNS && self.has_rested() => {
                 let is_between = newest_tick >= tick + step && self.life.tick() < tick + step;
@@ -214,5 +210,39 @@ impl<S: Stateful> Loop<'_, S> {
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
         self.receive_states();
         Ok(())
+    }
+}
+
+/// Whether a guest computes the state that follows from the role's newest: of a role with a short step one in [`SHADOW_EVERY`], as the role counts its states.
+/// One that counted its own, with a shorter step than the role's, would never come to one, and nobody would see that it has no tick in common with the role.
+/// `of_role`: the step of that state, 0 if nothing was computed for its tick.
+fn is_shadowed(newest_tick: u64, step: u64, of_role: u64) -> bool {
+    let stride = if of_role == 0 { step } else { of_role };
+    step > SHORT_STEP_TICKS || (newest_tick / stride + 1).is_multiple_of(SHADOW_EVERY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a tissue with steps of 1 ms beside one with steps of 2 nothing was ever seen: its swap waited for a minute to be rolled back.
+    #[test]
+    fn a_guest_shadows_one_in_four_of_the_roles_states_whatever_its_own_step_is() {
+        for of_role in [1u64, 2, 4] {
+            for step in [1u64, 2, 4] {
+                let shadowed = (1..=400u64).filter(|state| is_shadowed(*state * of_role, step, of_role)).count();
+                assert_eq!(shadowed, 100, "steps of {step} beside {of_role}");
+            }
+            assert!(
+                (1..=10u64).all(|at| is_shadowed((16 * at - 1) * of_role, of_role, of_role)),
+                "the ones that the judge compares"
+            );
+        }
+        assert!((1..=50u64).all(|state| is_shadowed(33 * state, 33, 33)), "each, if the step is long");
+        assert_eq!(
+            [3u64, 4, 7].map(|tick| is_shadowed(tick, 1, 0)),
+            [true, false, true],
+            "after a state that was only passed on"
+        );
     }
 }

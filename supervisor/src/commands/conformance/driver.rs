@@ -9,7 +9,6 @@ mod motion;
 use super::{Check, NO_TIME, check};
 use crate::settings::Refusal;
 use bench::{Bench, Seen, fresh};
-use hyst_engine::verify::verify;
 use hyst_messages::{DeviceStatement, ForceCommand, HardwareSample, LedgerEntry, Role};
 use std::path::Path;
 
@@ -35,13 +34,11 @@ const LATE_NS: u64 = 6_000_000;
 /// How often it is tried if this program was late itself.
 const TRIES: usize = 3;
 
-/// Checks a driver.
-pub fn conformance(binary: &Path) -> Result<Vec<Check>, Refusal> {
-    let described = verify(binary, Role::Hardware).map_err(Refusal::input)?;
-    let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
-    let mut checks = vec![check("says what it is", Ok(layout)), check("refuses bad arguments", super::refuses(binary))];
+/// Checks a driver, until it is given up: then nothing is left of the bench, and what was found means nothing.
+pub fn conformance(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<Vec<Check>, Refusal> {
+    let mut checks = super::asked(binary, Role::Hardware, given_up)?;
     for attempt in 1..=TRIES {
-        let (found, late_ns) = on_a_bench(binary)?;
+        let (found, late_ns) = on_a_bench(binary, given_up)?;
         let is_good = found.iter().all(|check| check.good);
         if is_good || late_ns < LATE_NS {
             checks.extend(found);
@@ -55,8 +52,8 @@ pub fn conformance(binary: &Path) -> Result<Vec<Check>, Refusal> {
 }
 
 /// What was found, and how late this program was.
-fn on_a_bench(binary: &Path) -> Result<(Vec<Check>, u64), Refusal> {
-    let mut bench = Bench::start(binary)?;
+fn on_a_bench(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<(Vec<Check>, u64), Refusal> {
+    let mut bench = Bench::start(binary, given_up)?;
     let stated = match bench.statement() {
         Ok(stated) => stated,
         Err(why) => return Ok((vec![check("states what it can do", Err(why))], 0)),

@@ -31,7 +31,8 @@ pub struct Seen {
 }
 
 /// The bench.
-pub struct Bench {
+pub struct Bench<'a> {
+    given_up: &'a dyn Fn() -> bool,
     station: Station,
     keeping: OwnedPage,
     clock: StationPage,
@@ -46,7 +47,7 @@ pub struct Bench {
     pub late_ns: u64,
 }
 
-impl Drop for Bench {
+impl Drop for Bench<'_> {
     fn drop(&mut self) {
         self.keeping.store32_and_wake(station::STOP, 1);
         let _ = crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS); // one that does not end is killed
@@ -55,16 +56,16 @@ impl Drop for Bench {
     }
 }
 
-impl Bench {
-    /// Founds the bench and starts the driver on it.
-    pub fn start(binary: &Path) -> Result<Bench, Refusal> {
+impl<'a> Bench<'a> {
+    /// Founds the bench and starts the driver on it. Once it is given up it waits for nothing more, and drives no further.
+    pub fn start(binary: &Path, given_up: &'a dyn Fn() -> bool) -> Result<Bench<'a>, Refusal> {
         let failed = |what: &dyn std::fmt::Display| Refusal::failed(format!("no bench for the driver: {what}"));
         let name = format!("driver-{}", std::process::id());
         let place = Station::named(&name).map_err(|e| failed(&e))?;
         place.wipe();
         place.found().map_err(|e| failed(&e))?;
         let slots = [Role::Hardware, Role::Device].map(Slot::first);
-        let made = || -> Result<Bench, Refusal> {
+        let made = || -> Result<Bench<'a>, Refusal> {
             let settings = Settings { hand: "idle".into(), headless: true, ..Settings::default() };
             let text = toml::to_string(&settings).map_err(|e| failed(&e))?;
             std::fs::write(place.settings(), text).map_err(|e| failed(&e))?;
@@ -80,7 +81,8 @@ impl Bench {
             let child = command.spawn().map_err(|e| failed(&e))?;
             let clock = place.open().map_err(|e| failed(&e))?;
             let (number, seen, late_ns, device_incarnation) = (0, Vec::new(), 0, FIRST_DEVICE);
-            Ok(Bench { station: place.clone(), keeping, clock, child, page, device, device_incarnation, number, seen, late_ns })
+            let station = place.clone();
+            Ok(Bench { given_up, station, keeping, clock, child, page, device, device_incarnation, number, seen, late_ns })
         };
         let bench = made().inspect_err(|_| place.wipe())?;
         bench.announce(slots[0], DRIVER);
@@ -105,7 +107,7 @@ impl Bench {
                 let last = said.lines().last().unwrap_or("it said nothing");
                 return Err(format!("it ended before {what} ({status}): {last}"));
             }
-            if system::now_ns() >= deadline_ns {
+            if system::now_ns() >= deadline_ns || (self.given_up)() {
                 return Err(format!("{what} has not come within {} s", within_ns / 1_000_000_000));
             }
             system::sleep_ns(LOOK_NS);
@@ -142,6 +144,9 @@ impl Bench {
         system::become_fifo(PRIORITY); // without the right to it this program is late now and then, and says so
         let begin = self.tick() + 1;
         for tick in begin..begin + ticks {
+            if (self.given_up)() {
+                break;
+            }
             let due_ns = self.clock.start_of(tick);
             system::sleep_until_ns(due_ns);
             let seen_ns = system::now_ns();
