@@ -3,7 +3,7 @@
 use axum::body::Bytes;
 use hyst_exchange::system;
 
-/// A picture that is older is not shown, ns: rendering sends one five times a second.
+/// A picture that is older is not shown, ns: rendering sends one five times a second, and once where it has little time.
 const FRESH_NS: u64 = 2_000_000_000;
 
 /// A picture.

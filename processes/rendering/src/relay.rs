@@ -12,6 +12,11 @@ use rendering::{RenderError, Renderer};
 
 /// Time between two pictures, ns: each is read back from the device, which takes milliseconds of the engines' cores where that is software.
 const INTERVAL_NS: u64 = 200_000_000;
+/// The next one is due after so many times as long as the last one took, if that is longer: where the processor draws and has little time for it, five in a
+/// second would take most of what the pictures themselves have.
+const REST: u64 = 8;
+/// Not longer than this, ns: a page that waits longer shows that it has none.
+const LONGEST_NS: u64 = 1_000_000_000;
 /// Bytes of a pixel that is sent.
 const RGB: usize = 3;
 /// Bytes of a pixel that is read.
@@ -42,7 +47,6 @@ impl Relay {
         if !is_asked || now_ns < self.due_ns {
             return Ok(());
         }
-        self.due_ns = now_ns + INTERVAL_NS;
         let size = renderer.size_px();
         let rgba = renderer.read_rgba()?;
         // What is not sent is not missed: the next one is as good.
@@ -50,6 +54,8 @@ impl Relay {
             life.page.add64(header::STREAM_BYTES, bytes as u64);
             life.page.add64(header::COPIED_BYTES, rgba.len() as u64);
         }
+        let took_ns = system::now_ns().saturating_sub(now_ns);
+        self.due_ns = now_ns + if is_on_trial { INTERVAL_NS } else { interval_ns(took_ns) };
         Ok(())
     }
 
@@ -68,6 +74,11 @@ impl Relay {
         shrink(rgba, size[0] as usize, factor as usize, small[0] as usize, message.section::<u8>(0).ok()?);
         loan.send().ok().map(|_| length)
     }
+}
+
+/// Time between a picture that took so long to be sent and the next one, ns.
+fn interval_ns(took_ns: u64) -> u64 {
+    took_ns.saturating_mul(REST).clamp(INTERVAL_NS, LONGEST_NS)
 }
 
 /// The least whole number by which a picture is divided so that it is small enough.
@@ -98,6 +109,15 @@ fn shrink(rgba: &[u8], width: usize, factor: usize, small_width: usize, rgb: &mu
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_that_take_long_to_be_sent_come_more_seldom_but_one_in_a_second() {
+        let wanted_ms = [(0, 200), (4, 200), (25, 200), (40, 320), (125, 1_000), (3_000, 1_000)];
+        for (took_ms, interval_ms) in wanted_ms {
+            assert_eq!(interval_ns(took_ms * 1_000_000), interval_ms * 1_000_000, "{took_ms} ms");
+        }
+        assert_eq!(interval_ns(u64::MAX), LONGEST_NS);
+    }
 
     #[test]
     fn a_picture_is_divided_by_the_least_number_that_makes_it_small_enough() {

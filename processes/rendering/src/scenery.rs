@@ -8,6 +8,7 @@ use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRec
 use hyst_messages::{Kind, Message, SealRecord, WireError};
 use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, Stage, SurfaceMesh, ostia};
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 
 /// That of the bubbles.
@@ -89,6 +90,8 @@ pub struct Scenery {
     /// Writer and version of the topology on the stage.
     topology: Option<(u32, u32)>,
     surfaces: Vec<(u64, Range<usize>)>,
+    /// Of what each of its objects on the stage was made, as [`print_of`] gives it.
+    prints: BTreeMap<u64, u64>,
     tools: Vec<u64>,
     /// Where the mouths of an organ were when it was first put on the stage: no cut moves them.
     mouths: BTreeMap<u64, [[f32; 4]; 2]>,
@@ -137,6 +140,17 @@ fn check_parts(parts: &[Part], others: usize) -> Result<(), RenderError> {
     Ok(())
 }
 
+/// What tells an object's triangles, places at rest and wounds from others: one that a cut elsewhere has left as it was is not made anew.
+fn print_of(triangles: &[[u32; 3]], rest_m: &[[f32; 3]], raw: &[u32]) -> u64 {
+    let parts: [&[u8]; 3] = [bytemuck::cast_slice(triangles), bytemuck::cast_slice(rest_m), bytemuck::cast_slice(raw)];
+    let mut hasher = DefaultHasher::new();
+    for bytes in parts {
+        hasher.write_usize(bytes.len());
+        hasher.write(bytes);
+    }
+    hasher.finish()
+}
+
 fn usual(kind: u32) -> Appearance {
     Appearance::of(if matches!(kind, PATHOLOGY | FREE_PIECE) { Material::Polyp } else { Material::MucosaTissue })
 }
@@ -153,6 +167,7 @@ impl Scenery {
             instrument: Instrument::new(stage)?,
             topology: None,
             surfaces: Vec::new(),
+            prints: BTreeMap::new(),
             tools: Vec::new(),
             mouths: BTreeMap::new(),
             looks: BTreeMap::new(),
@@ -167,7 +182,7 @@ impl Scenery {
         self.topology.is_some_and(|(_, known)| known == version)
     }
 
-    /// Makes the objects of a topology; gives the bytes that were copied to number the triangles by object.
+    /// Makes the objects of a topology that are not on the stage as they are in it; gives the bytes that were copied to number the triangles by object.
     pub fn rebuild(&mut self, stage: &mut Stage, topology: &[u8]) -> Result<u64, Refused> {
         let message = Message::parse(topology, Kind::Topology)?;
         let records: &[ObjectRecord] = message.section(0)?;
@@ -182,19 +197,27 @@ impl Scenery {
         let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();
         for id in gone {
             stage.remove_object(id);
+            self.prints.remove(&id);
         }
         for part in &parts {
             let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
             let appearance = self.looks.get(&part.id).copied().unwrap_or_else(|| usual(part.kind));
-            let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance };
-            stage.set_object(part.id, mesh)?;
-            if part.kind == ORGAN {
-                let mouths = self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles));
-                stage.set_mouths(part.id, *mouths)?;
+            let print = print_of(&part.triangles, rest_m, raw);
+            if self.prints.get(&part.id) == Some(&print) {
+                stage.set_appearance(part.id, appearance)?;
+            } else {
+                stage.set_object(part.id, SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance })?;
+                self.prints.insert(part.id, print);
             }
-            if part.kind != FREE_PIECE {
-                stage.set_spots(part.id, &self.spots)?;
-            }
+            let mouths = if part.kind == ORGAN {
+                *self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles))
+            } else {
+                [[0.0; 4]; 2]
+            };
+            stage.set_mouths(part.id, mouths)?;
+            // What has come free has none, though it may have been held until now.
+            let spots: &[[f32; 4]] = if part.kind == FREE_PIECE { &[] } else { &self.spots };
+            stage.set_spots(part.id, spots)?;
         }
         self.instrument.rebuild(stage, &message)?;
         self.tools = records.iter().filter(|record| record.kind == RIGID_TOOL).map(|record| record.id as u64).collect();
@@ -268,6 +291,22 @@ mod tests {
         assert_eq!(parts.len(), 2);
         assert_eq!((parts[1].id, parts[1].kind, parts[1].vertices.clone()), (1, 1, 4..7));
         assert_eq!((&parts[0].triangles[..], &parts[1].triangles[..]), (&[[0, 2, 3]][..], &[[0, 2, 1]][..]));
+    }
+
+    /// Each cut anywhere had every object made anew, the whole organ with them.
+    #[test]
+    fn what_a_cut_elsewhere_has_left_as_it_was_is_known_again_and_another_corner_place_or_wound_is_not() {
+        let (triangles, raw): ([[u32; 3]; 2], [u32; 4]) = ([[0, 1, 2], [0, 2, 3]], [0; 4]);
+        let rest_m: [[f32; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let print = print_of(&triangles, &rest_m, &raw);
+        assert_eq!(print, print_of(&[[0, 1, 2], [0, 2, 3]], &rest_m, &[0; 4]));
+        let (mut turned, mut moved_m) = (triangles, rest_m);
+        turned[1] = [0, 3, 2];
+        moved_m[3][2] = 1.001;
+        assert_ne!(print, print_of(&turned, &rest_m, &raw));
+        assert_ne!(print, print_of(&triangles, &moved_m, &raw));
+        assert_ne!(print, print_of(&triangles, &rest_m, &[0, 0, 1, 0]));
+        assert_ne!(print_of(&[[0; 3]], &[], &[]), print_of(&[], &[[0.0; 3]], &[]), "the same bytes in another place");
     }
 
     #[test]

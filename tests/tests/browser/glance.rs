@@ -42,6 +42,8 @@ pub fn assert_page_says_what_there_is(browser: &mut Browser) {
     assert_newcomers_alarm_nobody(browser);
     assert_missing_pictures_are_explained(browser);
     assert_buttons_say_what_they_do(browser);
+    assert_a_swap_is_asked_for_twice(browser);
+    assert_a_picture_that_goes_moves_nothing(browser);
     assert_alarms_and_swaps_stand_above_everything(browser);
     assert_head_says_whose_session_it_is_and_whether_it_is_recorded(browser);
     assert_one_glance_tells_whether_all_are_well(browser);
@@ -200,6 +202,58 @@ fn assert_buttons_say_what_they_do(browser: &mut Browser) {
     let names = json!(["Dark page", "Light page"]);
     let all = json!({ "muted": ["Warnings are muted", "true"], "names": names, "isOther": true, "isBack": true, "kept": ["dark", "light"] });
     assert_eq!(told, all);
+}
+
+/// What is asked of the console, and what is said, when a swap is pressed once, then of another binary, then of that by a double click, and a second later.
+const SWAP: &str = r"(() => {
+    const usual = window.fetch, [role, binary] = ['swap-role', 'swap-binary'].map(id => document.getElementById(id));
+    const answer = document.getElementById('answer'), chosen = role.value, posted = [];
+    window.fetch = (path, how) => {
+        posted.push([path, how.body]);
+        return Promise.reject(new Error('nobody is there'));
+    };
+    const press = () => {
+        document.getElementById('swap').requestSubmit();
+        return [posted.length, answer.textContent];
+    };
+    [role.value, binary.value] = ['device', '/a'];
+    const first = press();
+    binary.value = '/b';
+    const told = [first, press(), press()];
+    asked.at -= 1000;
+    told.push(press());
+    window.fetch = usual;
+    [role.value, binary.value] = [chosen, ''];
+    return { told, posted };
+})()";
+
+/// That a swap which was pressed in passing changes nothing, and what it costs is said before.
+fn assert_a_swap_is_asked_for_twice(browser: &mut Browser) {
+    let told = browser.evaluate(SWAP).expect("what comes of a swap");
+    let said = |binary: &str| {
+        let cost = "The hand feels it: for some 10 ms nobody commands the motors.";
+        format!("device is to be replaced by {binary}. {cost} If that is meant, press Swap once more.")
+    };
+    assert_eq!(told["told"], json!([[0, said("/a")], [0, said("/b")], [0, said("/b")], [1, "…"]]));
+    assert_eq!(told["posted"], json!([["/swap", "{\"role\":\"device\",\"binary\":\"/b\"}"]]));
+}
+
+/// Where what follows the live view begins, CSS pixels, with a picture and without one; and how a figure is shown that is nearly nothing.
+const STEADY: &str = r"(() => {
+    const live = document.getElementById('live'), was = live.hidden;
+    const top = isHidden => {
+        live.hidden = isHidden;
+        document.getElementById('live-note').hidden = !isHidden;
+        return document.getElementById('processes').getBoundingClientRect().top;
+    };
+    const [without, withOne] = [top(true), top(false)];
+    top(was);
+    return [without === withOne, [-0.3, -0.04, -1.2, 3].map(value => number(value, 1)), number(-0.4)];
+})()";
+
+/// That the page stands still while rendering is replaced, and no figure has a sign that means nothing.
+fn assert_a_picture_that_goes_moves_nothing(browser: &mut Browser) {
+    assert_eq!(browser.evaluate(STEADY), Some(json!([true, ["-0.3", "0.0", "-1.2", "3.0"], "0"])));
 }
 
 /// That a process which is on its way is shown neither as well nor as ill, and names its program.

@@ -37,6 +37,15 @@ fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
     (planes.collect(), force)
 }
 
+/// What the stage refuses of a stream is left out, `None`, and ends nothing, for the successor would be told the same; a device that is lost ends all.
+fn spared<T>(done: Result<T, RenderError>) -> Result<Option<T>, RenderError> {
+    match done {
+        Ok(value) => Ok(Some(value)),
+        Err(error @ RenderError::DeviceLost(_)) => Err(error),
+        Err(_) => Ok(None),
+    }
+}
+
 impl Vision<'_> {
     /// Writes over the picture: the strip, the keys of a window, the case, what the hand feels, what cannot be drawn.
     pub(super) fn write(&mut self, sources: &Sources, tick: u64, sample: Option<&HardwareSample>, has_window: bool) {
@@ -101,7 +110,11 @@ impl Vision<'_> {
             }
         }
         match sources.looks.poll(system::now_ns()) {
-            Some(Ok((scope, records))) => self.scenery.dress(self.renderer.stage(), scope, &records)?,
+            Some(Ok((scope, records))) => {
+                if spared(self.scenery.dress(self.renderer.stage(), scope, &records))?.is_none() {
+                    self.life.page.add64(header::INVALID, 1);
+                }
+            }
             Some(Err(Senseless(tissue))) => self.life.refuse(tissue, Distrust::Invalid),
             None => {}
         }
@@ -120,7 +133,8 @@ impl Vision<'_> {
         Ok(true)
     }
 
-    /// Moves the flakes on with the medium: as the newest state says that it flows or, where that says nothing, as fast as the inflow.
+    /// Moves the flakes on with the medium: as the newest state says that it flows or, where that says nothing, as fast as the inflow. A state by which they
+    /// cannot be moved is counted, and not asked again.
     pub(super) fn drift(
         &mut self,
         sources: &Sources,
@@ -137,7 +151,12 @@ impl Vision<'_> {
                 self.motes.drift(stage, lens_m, flow_ml_min, elapsed_s)
             }
         };
-        uploaded.map(|_| ()) // it is no state of anybody
+        // What was uploaded is no state of anybody.
+        if spared(uploaded)?.is_none() {
+            self.life.page.add64(header::INVALID, 1);
+            self.flow = None;
+        }
+        Ok(())
     }
 
     /// The medium as the newest fluid state has it; one that makes no sense leaves it as it was, and gives false.
@@ -155,15 +174,12 @@ impl Vision<'_> {
             }
         };
         let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
-        match self.renderer.set_fluid(field) {
-            Ok(()) => self.uploaded += bytes,
-            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
-            Err(_) => self.life.page.add64(header::INVALID, 1),
-        }
-        match self.bubbles.show(self.renderer.stage(), medium::gas(state).unwrap_or_default()) {
-            Ok(bytes) => self.uploaded += bytes,
-            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
-            Err(_) => self.life.page.add64(header::INVALID, 1),
+        let bubbles = self.bubbles.show(self.renderer.stage(), medium::gas(state).unwrap_or_default());
+        for uploaded in [self.renderer.set_fluid(field).map(|()| bytes), bubbles] {
+            match spared(uploaded)? {
+                Some(bytes) => self.uploaded += bytes,
+                None => self.life.page.add64(header::INVALID, 1),
+            }
         }
         self.scenery.blanch(self.renderer.stage(), medium::seals(state).unwrap_or_default());
         Ok(true)
@@ -180,6 +196,20 @@ mod tests {
         let said = [(true, false), (true, true), (false, false)].map(|(wanted, drawn)| without_lines(wanted, drawn));
         assert_eq!(said, [Some(NO_LINES.to_string()), None, None]);
         assert!(NO_LINES.len() <= rendering::COLUMNS);
+    }
+
+    /// A stage that another engine's pieces had filled had no room for the flakes: each rendering ended with its first picture.
+    #[test]
+    fn what_the_stage_refuses_is_left_out_and_a_device_that_is_lost_is_the_end() {
+        assert!(matches!(spared(Ok(7)), Ok(Some(7))));
+        for refused in [
+            RenderError::TooLarge { what: "objects", got: 273, bound: 272 },
+            RenderError::BadField { got: 1, dims: [2; 3] },
+            RenderError::UnknownObject(7),
+        ] {
+            assert!(matches!(spared::<u64>(Err(refused)), Ok(None)));
+        }
+        assert!(matches!(spared::<u64>(Err(RenderError::DeviceLost("x".into()))), Err(RenderError::DeviceLost(_))));
     }
 
     #[test]
