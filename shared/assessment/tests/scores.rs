@@ -201,6 +201,24 @@ fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_mar
 }
 
 #[test]
+fn what_cost_most_is_named_and_the_scores_of_earlier_sessions_stand_below_those_of_the_session() {
+    let session = || recorded("glance", &[("case", case(&[0.05, 9.0], 3).as_str())], &at_work());
+    let mut sessions = Sessions::new("new.mcap", session());
+    sessions.compare("old.mcap", session());
+    let (page, told) = (html(&sessions), text(&sessions));
+    let total = scores(&sessions.reported.assessment.measured).total.unwrap();
+    assert_eq!(page.matches("<small>A ").count(), 6, "of all, of four groups and of the task");
+    assert!(page.contains(&format!("<small>A {total:.0} %</small>")), "{page}");
+    // Half of the goals, which weigh most, are open; no medium above the arteries' pressure.
+    let of_page = page.split_once("<h2>What cost most</h2>").unwrap().1.split_once("</section>").unwrap().0;
+    let of_text = told.split_once("What cost most, of 100\n").unwrap().1.split_once("\n\n").unwrap().0;
+    for dearest in [of_page, of_text] {
+        assert!(dearest.contains("goals of the case") && !dearest.contains("time above 100 mmHg"), "{dearest}");
+    }
+    assert!((1..=5).contains(&of_page.matches("<li>").count()) && of_text.lines().count() <= 5, "{of_page} {of_text}");
+}
+
+#[test]
 fn goals_warnings_alarms_and_current_are_marked_over_time_and_the_pump_is_not_told_of_under_the_station() {
     let mut blocks = at_work();
     blocks[8].fluid[0].alarms = 4;
