@@ -100,21 +100,24 @@ impl Column {
         }
     }
 
-    /// Who, where, how long.
+    /// Who, what, how long.
     pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
         let conduct = &self.assessment.measured.conduct;
         // A recording of before they were noted has neither.
         let noted = [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.noted(fact)));
         let noted = noted.into_iter().filter_map(|(name, value)| Some((name, value?)));
-        let facts = vec![
-            ("recording", self.file.clone()),
-            ("session", self.fact("session")),
+        let facts = [
             ("scene or case", format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn())),
             ("hand", self.fact("hand")),
-            ("station's version", self.version()),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
         ];
-        noted.chain(facts).chain(self.machine_facts()).collect()
+        noted.chain(facts).collect()
+    }
+
+    /// Out of which file, and what made it.
+    pub(crate) fn origin_facts(&self) -> Vec<(&'static str, String)> {
+        let facts = [("recording", self.file.clone()), ("session", self.fact("session")), ("station's version", self.version())];
+        facts.into_iter().chain(self.machine_facts()).collect()
     }
 
     /// Of what version the station was, and of which build, if that was noted.

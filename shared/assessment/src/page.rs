@@ -51,6 +51,7 @@ pub fn html(sessions: &Sessions) -> String {
         page.push_str(&way(&reported.assessment.measured.curves, anatomy, side));
     }
     page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");
+    facts(&mut page, &reported.origin_facts());
     facts(&mut page, &reported.station_facts());
     processes(&mut page, reported);
     page.push_str("</section>\n");

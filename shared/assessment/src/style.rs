@@ -7,7 +7,7 @@ pub(crate) const STYLE: &str = "\
 @media (prefers-color-scheme:dark){:root{--paper:#0f141b;--panel:#182029;--ink:#e6eaf0;--soft:#9aa5b4;--line:#2c3643;--good:#4ade80;--bad:#f87171;--warn:#fbbf24;\
 --force:#f87171;--insertion:#60a5fa;--pressure:#2dd4bf;--deficit:#c4b5fd;--removed:#facc15;--light:#cbd5e1;--band:#2dd4bf22}}\
 *{box-sizing:border-box}body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:1120px;margin:2rem auto;padding:0 1rem}\
-h1{font-size:1.6rem;margin:0 0 .6rem}h2{font-size:1.15rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}\
+h1{font-size:1.6rem;margin:0 0 .6rem}h1,p,li,figcaption{overflow-wrap:anywhere}h2{font-size:1.15rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}\
 p.note{color:var(--soft);max-width:78ch;margin:.3rem 0 .8rem}dl{display:grid;grid-template-columns:max-content 1fr;gap:.1rem 1.2rem;margin:0}dt{color:var(--soft)}\
 dd{margin:0;overflow-wrap:anywhere;font-variant-numeric:tabular-nums}.missing{border-left:4px solid var(--warn);background:var(--panel);padding:.6rem 1rem;margin:1rem 0}\
 .missing ul{margin:.3rem 0 0;padding-left:1.2rem}.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:.8rem;margin:1.4rem 0}\

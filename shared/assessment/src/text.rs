@@ -21,7 +21,7 @@ pub fn text(sessions: &Sessions) -> String {
     if !sessions.missing().is_empty() {
         text.push_str("Not everything of the recording is there: the end says what is missing, the values are of the rest.\n\n");
     }
-    for (name, fact) in sessions.reported.session_facts() {
+    for (name, fact) in sessions.reported.session_facts().into_iter().chain(sessions.reported.origin_facts()) {
         let _ = writeln!(text, "{name:<20}{fact}");
     }
     for (index, column) in sessions.earlier.iter().enumerate() {
