@@ -3,6 +3,7 @@
 use crate::absent::ABSENT;
 use crate::columns::{Column, Sessions, seconds, word};
 use crate::judge::Judge;
+use crate::losses::losses;
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
@@ -49,6 +50,7 @@ fn session(column: &Column) -> Value {
         "score": scores.total,
         "goals_share": scores.done,
         "groups": groups,
+        "costs_most": losses(scores).iter().map(|loss| json!({"key": loss.metric.definition.key, "of_100": loss.points})).collect::<Value>(),
         "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
         "pictures": assessment.measured.pictures.iter().map(|picture| of_picture(column, picture)).collect::<Value>(),
         "pump_alarms": counts(&PUMP_ALARMS, &assessment.measured.medium.alarms),
