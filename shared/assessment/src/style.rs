@@ -33,11 +33,13 @@ figure img{width:100%;height:auto;display:block;border-radius:8px;background:#00
 figcaption b{color:var(--ink);font-variant-numeric:tabular-nums}\
 .sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(340px,100%),1fr));gap:1rem}.key span{margin-right:1.2rem;white-space:nowrap}\
 .key i{display:inline-block;width:.8em;height:.8em;border-radius:50%;margin-right:.35em;vertical-align:-.05em}\
-@media (max-width:640px){dl{grid-template-columns:1fr}dd{margin-bottom:.4rem}}\
+@media (max-width:640px){dl{grid-template-columns:1fr}dd{margin-bottom:.4rem}td,th{padding:.25rem .3rem}td:first-child{white-space:normal;min-width:9em}\
+td.source{min-width:20em}.bar{width:36px}}\
 @media print{:root{color-scheme:light;--paper:#fff;--panel:#fff;--ink:#000;--soft:#333;--line:#bbb;--good:#15803d;--bad:#b91c1c;--warn:#b45309;\
 --force:#b91c1c;--insertion:#1d4ed8;--pressure:#0f766e;--deficit:#7c3aed;--removed:#a16207;--light:#475569;--band:#0f766e22}\
-body{margin:0;padding:0;max-width:none;font-size:11px}table,td.source,figcaption{font-size:9.5px}td{white-space:normal;padding:.15rem .3rem}\
-th{padding:.15rem .3rem}.wide{overflow:visible}.over-time{min-width:0}.bar{width:36px}h2{break-after:avoid}tr,svg,figure,.tile,.missing{break-inside:avoid}\
+body{margin:0;padding:0;max-width:none;font-size:11px}table,td.source,figcaption{font-size:9.5px}td,th{padding:.15rem .3rem}\
+td:first-child{white-space:normal;min-width:0}td.source{min-width:0}\
+.wide{overflow:visible}.over-time{min-width:0}.bar{width:36px}h2{break-after:avoid}tr,svg,figure,.tile,.missing{break-inside:avoid}\
 .bar i{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 #[cfg(test)]
