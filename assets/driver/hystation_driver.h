@@ -21,11 +21,18 @@
  *
  * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's right, which is on
  * the picture's left. Where a scene has its pivot elsewhere hyst_give adds that.
- * A force is what the hand is to feel at the tip, N, in that frame. One thread calls these functions.
+ * A force is what the hand is to feel at the tip, N, in that frame.
+ *
+ * One thread at a time calls these functions. Of a device whose library has a servo loop of its own `main` calls all up to hyst_state, and hyst_end; its
+ * callback calls hyst_real_time, which is about the thread that calls it, once, and then take, from_window and give in each turn, without hyst_wait. Any
+ * thread may call hyst_goes_on. The thread that called hyst_begin stays for as long as the driver: by its end the station knows that the driver has died.
  */
 #ifndef HYSTATION_DRIVER_H
 #define HYSTATION_DRIVER_H
 
+#ifdef __cplusplus
+#error "this is C11: compile the driver as C, and what is C++ of the device's library beside it"
+#endif
 #ifndef _GNU_SOURCE
 #error "define _GNU_SOURCE before the first header: real time and robust mutexes need it"
 #endif

@@ -252,12 +252,12 @@ struct Statuses {
 }
 
 impl Statuses {
-    /// The newest status of tissue, fluid and rendering, whoever wrote it.
+    /// The newest status of tissue, fluid and rendering, of whoever is heard.
     fn read(viewer: &mut Viewer) -> Statuses {
         let mut found = Statuses::default();
         let (mut tissue_tick, mut fluid_key) = (0, (0, 0));
-        for index in 0..2 {
-            let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
+        for slot in heard(viewer, Role::Tissue) {
+            let status = viewer.slot_page(slot).and_then(|page| page.cell(tissue::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= tissue_tick) {
                 tissue_tick = status.state_tick;
                 found.state_hash = status.state_hash;
@@ -267,7 +267,9 @@ impl Statuses {
                 (found.washed_out, found.washed_out_ml) = (status.washed_out, status.washed_out_ml);
                 (found.taken_out, found.taken_out_ml) = (status.taken_out, status.taken_out_ml);
             }
-            let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
+        }
+        for slot in heard(viewer, Role::Fluid) {
+            let status = viewer.slot_page(slot).and_then(|page| page.cell(fluid::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
                 fluid_key = (status.epoch, status.state_tick);
                 (found.deficit_ml, found.bled_ml) = (status.deficit_ml, status.bled_ml);
@@ -279,6 +281,14 @@ impl Statuses {
         found.copied_per_frame = status.map(|(_, status)| status.copied_bytes);
         found
     }
+}
+
+/// The slots of a role whose word counts: its places, and last, so that it counts beside one as new, the guest's while it has the role in the midst of a
+/// swap. A guest that only tries, or was sent away, may have said anything.
+fn heard(viewer: &Viewer, role: Role) -> Vec<Slot> {
+    let has_role = |slot: Slot| viewer.page().incarnation(slot) == viewer.holder(role);
+    let slots = (0..role.slots().1).filter_map(|index| Slot::new(role, index));
+    slots.filter(|slot| !slot.is_guest() || has_role(*slot)).collect()
 }
 
 fn copies(accounts: &Accounts, status: &Statuses) -> Value {
@@ -294,7 +304,10 @@ fn copies(accounts: &Accounts, status: &Statuses) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::tests::begin;
     use crate::ledger::{Tick, Window};
+    use hyst_exchange::{OwnedPage, Roster};
+    use hyst_messages::{FluidStatus, TissueStatus};
 
     fn window(force_step_max_n: f64) -> Option<Window> {
         Some(Window { ticks: 200, force_step_max_n, ..Window::default() })
@@ -312,6 +325,38 @@ mod tests {
         assert!(stepping(0.4, 0.1, true));
         assert!(!stepping(0.14, 0.1, true), "within what is allowed");
         assert!(!stepping(0.4, 0.1, false), "the ticks before it stepped as much");
+    }
+
+    /// A report of a station that ended in the midst of a swap had what the engines of before said: the guest, who had the role, was not asked.
+    #[test]
+    fn a_guest_is_heard_while_it_has_the_role_and_not_before_or_after() {
+        let station = Station::named(&format!("t{}-report-guest", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (page, roster) = (station.open_for_keeping().unwrap(), Roster::open(&station).unwrap());
+        let slots = |role: Role| [Slot::first(role), Slot::guest(role).unwrap()];
+        let tissues = slots(Role::Tissue).into_iter().zip([5, 6]).map(|(slot, life)| begin(&station, &page, slot, life));
+        let fluids = slots(Role::Fluid).into_iter().zip([7, 8]).map(|(slot, life)| begin(&station, &page, slot, life));
+        let (tissues, fluids): (Vec<OwnedPage>, Vec<OwnedPage>) = (tissues.collect(), fluids.collect());
+        for (index, state_tick) in [(0, 40), (1, 60)] {
+            let (cuts, epoch) = (state_tick as u32, 1);
+            tissues[index].write(tissue::STATUS, &TissueStatus { state_tick, cuts, ..TissueStatus::default() });
+            let deficit_ml = state_tick as f64;
+            fluids[index].write(fluid::STATUS, &FluidStatus { state_tick, epoch, deficit_ml, ..FluidStatus::default() });
+        }
+        let mut viewer = Viewer::open(&station).unwrap();
+        let mut told = || {
+            let status = Statuses::read(&mut viewer);
+            (status.cuts, status.deficit_ml)
+        };
+        let hand_on = |role: Role, life: u32| roster.promote(role, roster.holder(role), life).unwrap();
+        let mut seen = Vec::new();
+        for lives in [[5, 7], [6, 8], [5, 7]] {
+            Role::STATEFUL.into_iter().zip(lives).for_each(|(role, life)| assert_eq!(hand_on(role, life).incarnation, life));
+            seen.push(told());
+        }
+        station.wipe();
+        assert_eq!(seen, [(40, 40.0), (60, 60.0), (40, 40.0)]);
     }
 
     /// "excess misses per fault 0.000 (95 %: below 0.000)" was said of two faults.

@@ -18,7 +18,8 @@ impl Bleeding {
             return;
         }
         self.0.push_back((tick, bled_ml));
-        while self.0.get(1).is_some_and(|(second, _)| tick - second >= RATE_TICKS) {
+        // One of the future was handed on by whoever knows no better.
+        while self.0.get(1).is_some_and(|(second, _)| *second > tick || tick - second >= RATE_TICKS) {
             self.0.pop_front();
         }
     }
@@ -26,7 +27,7 @@ impl Bleeding {
     /// How fast it bleeds, ml/min; `None` before half a second of it is known.
     pub(crate) fn rate_ml_min(&self) -> Option<f64> {
         let ((first, least_ml), (last, most_ml)) = (self.0.front()?, self.0.back()?);
-        let ticks = last - first;
+        let ticks = last.saturating_sub(*first);
         (ticks >= RATE_TICKS / 2).then(|| (most_ml - least_ml) / ticks as f64 * 60_000.0)
     }
 }

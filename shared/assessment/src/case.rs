@@ -200,7 +200,7 @@ pub(crate) fn html(page: &mut String, judge: &Judge) {
     let _ = writeln!(
         page,
         "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n{}\n\
-         <tr><th>goal</th><th class=\"text\">what came of it</th></tr>",
+         <thead><tr><th>goal</th><th class=\"text\">what came of it</th></tr></thead>",
         escape(&judge.brief.name),
         escape(&judge.task()),
         judge.brief.seed,

@@ -2,7 +2,7 @@
 
 use crate::assess::Assessment;
 use crate::markup::plain;
-use crate::metric::{Scores, scores};
+use crate::metric::{Metric, Scores, scores};
 use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::Level;
 use hyst_scene::{Aim, Brief, Cause};
@@ -100,21 +100,24 @@ impl Column {
         }
     }
 
-    /// Who, where, how long.
+    /// Who, what, how long.
     pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
         let conduct = &self.assessment.measured.conduct;
         // A recording of before they were noted has neither.
         let noted = [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.noted(fact)));
         let noted = noted.into_iter().filter_map(|(name, value)| Some((name, value?)));
-        let facts = vec![
-            ("recording", self.file.clone()),
-            ("session", self.fact("session")),
+        let facts = [
             ("scene or case", format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn())),
             ("hand", self.fact("hand")),
-            ("station's version", self.version()),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
         ];
-        noted.chain(facts).chain(self.machine_facts()).collect()
+        noted.chain(facts).collect()
+    }
+
+    /// Out of which file, and what made it.
+    pub(crate) fn origin_facts(&self) -> Vec<(&'static str, String)> {
+        let facts = [("recording", self.file.clone()), ("session", self.fact("session")), ("station's version", self.version())];
+        facts.into_iter().chain(self.machine_facts()).collect()
     }
 
     /// Of what version the station was, and of which build, if that was noted.
@@ -219,6 +222,15 @@ pub(crate) fn number(value: f64) -> String {
     }
 }
 
+/// The value of a metric: a count as one, another with three or four digits.
+pub(crate) fn valued(metric: &Metric) -> String {
+    match metric.value {
+        None => NONE.to_string(),
+        Some(count) if metric.definition.unit.is_empty() && count.fract() == 0.0 => format!("{count:.0}"),
+        Some(value) => number(value),
+    }
+}
+
 /// A score.
 pub(crate) fn percent(score: Option<f64>) -> String {
     score.map_or_else(|| NONE.to_string(), |score| format!("{score:.0} %"))
@@ -241,6 +253,17 @@ pub(crate) fn word(level: Level) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::table::METRICS;
+
+    #[test]
+    fn a_count_is_a_whole_number_and_what_has_a_unit_is_not() {
+        let metric = |unit: &'static str, value| {
+            let definition = METRICS.iter().find(|definition| definition.unit == unit).unwrap();
+            valued(&Metric { definition, value, scale: None, source: "", score: None })
+        };
+        assert_eq!([metric("", Some(12.0)), metric("s", Some(12.0)), metric("", Some(0.5))], ["12", "12.00", "0.500"]);
+        assert_eq!(metric("", None), "–");
+    }
 
     #[test]
     fn numbers_have_three_or_four_digits_and_columns_their_letters() {

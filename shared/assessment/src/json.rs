@@ -3,6 +3,7 @@
 use crate::absent::ABSENT;
 use crate::columns::{Column, Sessions, seconds, word};
 use crate::judge::Judge;
+use crate::losses::losses;
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
@@ -14,8 +15,9 @@ use serde_json::{Map, Value, json};
 /// Number of this form of a report: what is added leaves it, what is renamed or means something else raises it. In form 1 no score knew of the goals, the
 /// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too. In form 2 the time of a case's session, and shares of
 /// it, counted from the first tick. In form 3 goals weighed alike and nothing counted of one that was open, notices and time were warnings, one tick of current
-/// was enough to judge the view by, and a camera head that was kept level had a score.
-const FORMAT: u32 = 4;
+/// was enough to judge the view by, and a camera head that was kept level had a score. In form 4 the volume that was `removed` was one of safety, as if to
+/// remove what is to be removed were a harm.
+const FORMAT: u32 = 5;
 
 /// The session that is reported, and under `compared` the earlier ones.
 pub fn json(sessions: &Sessions) -> Value {
@@ -48,6 +50,7 @@ fn session(column: &Column) -> Value {
         "score": scores.total,
         "goals_share": scores.done,
         "groups": groups,
+        "costs_most": losses(scores).iter().map(|loss| json!({"key": loss.metric.definition.key, "of_100": loss.points})).collect::<Value>(),
         "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
         "pictures": assessment.measured.pictures.iter().map(|picture| of_picture(column, picture)).collect::<Value>(),
         "pump_alarms": counts(&PUMP_ALARMS, &assessment.measured.medium.alarms),

@@ -7,8 +7,8 @@
 //! Its time counts from when the hand first moves (`begin`); what was reached, and what fell, before that has been all the same. The pressure of goals and
 //! warnings is an average, as a pump shows and gives alarm by it: the roller's beat in the cavity is neither the trainee's doing nor his to mend.
 //!
-//! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
-//! nothing; a status holds for a second, then nothing is known of what it said.
+//! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor, and what of it cannot be ends none; what
+//! comes after the end counts for nothing; a status holds for a second, then nothing is known of what it said.
 
 mod asked;
 
@@ -243,14 +243,14 @@ impl Judge {
     /// How often warnings fell that count: those that are no notices.
     pub fn warning_count(&self) -> u64 {
         let fell = self.brief.warnings.iter().zip(&self.warnings).filter(|(warned, _)| !warned.is_notice());
-        fell.map(|(_, state)| state.count).sum()
+        fell.fold(0, |sum, (_, state)| state.count.saturating_add(sum))
     }
 
     fn warn(&mut self, index: usize, is_cause: bool, tick: u64) {
         let warning = &mut self.warnings[index];
         if is_cause {
             if !warning.stands {
-                warning.count += 1;
+                warning.count = warning.count.saturating_add(1);
                 warning.first_tick.get_or_insert(tick);
                 if self.told.len() < MOST_TOLD {
                     self.told.push((index, tick));
@@ -292,7 +292,7 @@ impl Judge {
                 for (landmark, (since_tick, is_seen)) in landmarks.iter().zip(&mut goal.looks) {
                     let is_looked_at = is_visible && is_in_sight(sight, landmark.is, &record.sample);
                     *since_tick = since_tick.or(Some(tick)).filter(|_| is_looked_at);
-                    *is_seen |= since_tick.is_some_and(|since| tick - since >= *ticks);
+                    *is_seen |= since_tick.is_some_and(|since| tick.saturating_sub(since) >= *ticks);
                 }
                 goal.places = goal.looks.iter().filter(|(_, is_seen)| *is_seen).count();
                 goal.progress = share(goal.places as f64, landmarks.len() as f64);
@@ -304,7 +304,8 @@ impl Judge {
                 }
                 let controls = &record.sample.controls;
                 let is_stopped = controls.inflow_valve < SHUT && !controls.has_current();
-                goal.missed_tick = goal.since_tick.filter(|since| !is_stopped && tick - since > *ticks).map(|_| tick);
+                goal.missed_tick =
+                    goal.since_tick.filter(|since| !is_stopped && tick.saturating_sub(*since) > *ticks).map(|_| tick);
                 goal.since_tick.is_some() && is_stopped
             }
             Aim::Staunch { after_ml, below_ml_min, ticks } => {
@@ -340,7 +341,7 @@ impl GoalState {
     /// Something holds at this tick, or not; whether it has held for so many ticks.
     fn hold(&mut self, is_so: bool, tick: u64, ticks: u64) -> bool {
         self.since_tick = if is_so { self.since_tick.or(Some(tick)) } else { None };
-        let held = self.since_tick.map(|since| tick - since);
+        let held = self.since_tick.map(|since| tick.saturating_sub(since));
         self.progress = held.map_or(0.0, |held| if ticks == 0 { 1.0 } else { (held as f64 / ticks as f64).min(1.0) });
         held.is_some_and(|held| held >= ticks)
     }

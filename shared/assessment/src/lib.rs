@@ -22,6 +22,7 @@ mod in_view;
 mod json;
 mod judge;
 mod kept;
+mod losses;
 mod markup;
 mod medium;
 mod metric;

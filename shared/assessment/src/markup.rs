@@ -24,7 +24,12 @@ pub fn escape(text: &str) -> String {
 
 /// The beginning of a table of this name that is moved sideways where it is wider than the page, by the keys, too; `</table></div>` ends it.
 pub fn wide_table(name: &str) -> String {
-    format!("<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"{}\"><table>", escape(name))
+    format!("{}<table>", wide(name))
+}
+
+/// The same of anything else; `</div>` ends it.
+pub(crate) fn wide(name: &str) -> String {
+    format!("<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"{}\">", escape(name))
 }
 
 /// One line that no terminal obeys, and that is not endless.

@@ -2,8 +2,9 @@
 
 use crate::absent::ABSENT;
 use crate::case;
-use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::columns::{Column, NONE, Sessions, letter, percent, seconds, valued, word};
 use crate::judge::Judge;
+use crate::losses::losses;
 use crate::markup::{escape, plain, wide_table};
 use crate::metric::{Group, Metric};
 use crate::plots::curves;
@@ -20,11 +21,13 @@ pub fn html(sessions: &Sessions) -> String {
     let title = format!("Training session {}{who}", escape(&reported.fact("session")));
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
-         <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n"
+         <style>{STYLE}</style></head><body><main>\n<h1>{title}</h1>\n"
     );
     facts(&mut page, &reported.session_facts());
     missing(&mut page, sessions);
-    tiles(&mut page, reported);
+    compared(&mut page, sessions);
+    tiles(&mut page, sessions);
+    dearest(&mut page, reported);
     if let Some(judge) = &reported.assessment.measured.judge {
         case::html(&mut page, judge);
     }
@@ -48,12 +51,13 @@ pub fn html(sessions: &Sessions) -> String {
         page.push_str(&way(&reported.assessment.measured.curves, anatomy, side));
     }
     page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");
+    facts(&mut page, &reported.origin_facts());
     facts(&mut page, &reported.station_facts());
     processes(&mut page, reported);
     page.push_str("</section>\n");
     events(&mut page, reported);
     origin(&mut page);
-    page.push_str("</body></html>\n");
+    page.push_str("</main></body></html>\n");
     page
 }
 
@@ -79,18 +83,65 @@ fn missing(page: &mut String, sessions: &Sessions) {
     page.push_str("</ul></div>\n");
 }
 
-fn tiles(page: &mut String, column: &Column) {
+/// Which the earlier sessions are, by their letters.
+fn compared(page: &mut String, sessions: &Sessions) {
+    if sessions.earlier.is_empty() {
+        return;
+    }
+    page.push_str("<p class=\"note\">Compared with ");
+    let named = |(index, column): (usize, &Column)| {
+        let [session, scene, hand] = ["session", "scene", "hand"].map(|fact| escape(&column.fact(fact)));
+        let (drawn, mark) = (escape(&column.drawn()), column.mark_beside(&sessions.reported));
+        format!("<b>{}</b>: {}, session {session}, {scene}{drawn}, {hand}{mark}", letter(index), escape(&column.file))
+    };
+    page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
+    page.push_str("</p>\n");
+}
+
+/// The goals and the scores at one glance, those of earlier sessions below, and what a score is.
+fn tiles(page: &mut String, sessions: &Sessions) {
+    let column = &sessions.reported;
     page.push_str("<div class=\"tiles\">\n");
     if let Some((reached, of)) = column.assessment.measured.judge.as_ref().map(Judge::tally) {
         let _ = writeln!(page, "<div class=\"tile\"><b>{reached} of {of}</b><span>Goals reached</span></div>");
     }
     let done = column.scores.done;
     let all = if done < 1.0 { format!("All, × {:.2} for the goals", (1.0 + done) / 2.0) } else { "All".to_owned() };
-    let groups = Group::ALL.into_iter().zip(column.scores.groups).map(|(group, score)| (group.name().to_owned(), score));
-    for (name, score) in std::iter::once((all, column.scores.total)).chain(groups) {
-        let _ = writeln!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span></div>", percent(score));
+    tile(page, sessions, &all, |column| column.scores.total);
+    for (at, group) in Group::ALL.into_iter().enumerate() {
+        tile(page, sessions, group.name(), |column| column.scores.groups[at]);
+    }
+    page.push_str(
+        "</div>\n<p class=\"note\">A score is 100 % where a value is good enough and 0 % where it is not good at all; between the two it goes with the \
+         value. The table below has both values of each, and its bars are green from 67 % on and red below 34 %. A group is the mean of its scores, each \
+         by its weight; a dash means that there is nothing to score.</p>\n",
+    );
+}
+
+fn tile(page: &mut String, sessions: &Sessions, name: &str, score: impl Fn(&Column) -> Option<f64>) {
+    let _ = write!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span>", percent(score(&sessions.reported)));
+    let earlier = |(index, column): (usize, &Column)| format!("{} {}", letter(index), percent(score(column)));
+    let earlier: Vec<String> = sessions.earlier.iter().enumerate().map(earlier).collect();
+    if !earlier.is_empty() {
+        let _ = write!(page, "<small>{}</small>", earlier.join(", "));
     }
     page.push_str("</div>\n");
+}
+
+/// What is to be worked on first.
+fn dearest(page: &mut String, column: &Column) {
+    let losses = losses(&column.scores);
+    if losses.is_empty() {
+        return;
+    }
+    page.push_str("<section><h2>What cost most</h2>\n<ul>\n");
+    for loss in losses {
+        let (definition, value) = (loss.metric.definition, valued(loss.metric));
+        let full = loss.metric.scale.map_or_else(String::new, |scale| format!(" (100 % at {})", scale.full));
+        let (name, unit, group) = (escape(definition.name), definition.unit, definition.group.name());
+        let _ = writeln!(page, "<li><b>{:.1} of 100</b>: {name}, {value} {unit}{full}; {group}</li>", loss.points);
+    }
+    page.push_str("</ul>\n<p class=\"note\">So much each takes from the mean of all scores, by its weight.</p></section>\n");
 }
 
 /// What was seen when something happened, in the page itself.
@@ -113,22 +164,12 @@ fn pictures(page: &mut String, column: &Column) {
 }
 
 fn metrics(page: &mut String, sessions: &Sessions) {
-    if !sessions.earlier.is_empty() {
-        page.push_str("<p class=\"note\">Compared with ");
-        let named = |(index, column): (usize, &Column)| {
-            let [session, scene, hand] = ["session", "scene", "hand"].map(|fact| escape(&column.fact(fact)));
-            let (drawn, mark) = (escape(&column.drawn()), column.mark_beside(&sessions.reported));
-            format!("<b>{}</b>: {}, session {session}, {scene}{drawn}, {hand}{mark}", letter(index), escape(&column.file))
-        };
-        page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
-        page.push_str("</p>\n");
-    }
     page.push_str(&wide_table("Values and scores"));
-    page.push_str("\n<tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>");
+    page.push_str("\n<thead><tr><th>metric</th><th>value</th><th class=\"text\">unit</th><th>score</th>");
     for index in 0..sessions.earlier.len() {
         let _ = write!(page, "<th>{0}</th><th>score {0}</th>", letter(index));
     }
-    page.push_str("<th>100 % at</th><th>0 % at</th><th>weight</th><th class=\"text\">from where</th></tr>\n");
+    page.push_str("<th>100 % at</th><th>0 % at</th><th>weight</th><th class=\"text\">from where</th></tr></thead>\n");
     for (at, group) in Group::ALL.into_iter().enumerate() {
         let _ = write!(page, "<tr class=\"group\"><td>{}</td><td></td><td></td>", group.name());
         total(page, sessions, |column| column.scores.groups[at]);
@@ -154,7 +195,6 @@ fn total(page: &mut String, sessions: &Sessions, score: impl Fn(&Column) -> Opti
 
 fn row(page: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
     let definition = metric.definition;
-    let valued = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
     let score = |metric: &Metric| if metric.scale.is_some() { scored(metric.score) } else { "<td></td>".into() };
     let _ = write!(
         page,
@@ -202,8 +242,8 @@ fn processes(page: &mut String, column: &Column) {
     );
     page.push_str(&wide_table("Processes"));
     page.push_str(
-        "\n<tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
-         <th>wake-up p99 \u{b5}s</th><th>loop p50 \u{b5}s</th><th>loop p99 \u{b5}s</th></tr>\n",
+        "\n<thead><tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
+         <th>wake-up p99 \u{b5}s</th><th>loop p50 \u{b5}s</th><th>loop p99 \u{b5}s</th></tr></thead>\n",
     );
     for (name, process) in processes.all() {
         let us = |value: Option<f64>| value.map_or_else(|| NONE.to_string(), |us| format!("{us:.0}"));
@@ -230,8 +270,8 @@ fn events(page: &mut String, column: &Column) {
     page.push_str("<h2>Faults and takeovers</h2>\n");
     page.push_str(&wide_table("Faults and takeovers"));
     page.push_str(
-        "\n<tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
-         <th class=\"text\">what</th><th class=\"text\">process</th><th class=\"text\">in words</th></tr>\n",
+        "\n<thead><tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
+         <th class=\"text\">what</th><th class=\"text\">process</th><th class=\"text\">in words</th></tr></thead>\n",
     );
     for event in &conduct.events {
         let level = word(event.level);

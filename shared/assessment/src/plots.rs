@@ -3,10 +3,10 @@
 
 use crate::assess::Measured;
 use crate::clarity::CLEAR_SHARE;
-use crate::columns::{Column, seconds, word};
+use crate::columns::{Column, number, seconds, word};
 use crate::curves::{Curves, Series};
 use crate::force::LIMIT_N;
-use crate::markup::{escape, plain};
+use crate::markup::{escape, plain, wide};
 use crate::medium::{HIGH_PA, LOW_PA};
 use hyst_messages::{PA_PER_MMHG, PUMP_ALARMS};
 use hyst_recording::SAID;
@@ -60,7 +60,19 @@ pub(crate) fn curves(column: &Column) -> String {
     marks(&mut svg, column, length_ticks, bottom);
     current(&mut svg, &measured.curves.current, length_ticks, bottom);
     let height = bottom + FOOT;
-    format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"curves over time\">{svg}</svg>\n")
+    let told: Vec<String> = curves.iter().filter_map(told).collect();
+    format!(
+        "{}<svg class=\"over-time\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"over {:.0} s: {}\">{svg}</svg></div>\n",
+        wide("Curves over time"),
+        seconds(length_ticks),
+        told.join("; ")
+    )
+}
+
+/// What a curve says to whoever does not see it.
+fn told(curve: &Curve) -> Option<String> {
+    let [least, largest] = curve.series.range()?.map(|value| number(value * curve.factor));
+    Some(format!("{} from {least} to {largest}", curve.title))
 }
 
 fn all(curves: &Curves) -> [Curve<'_>; 6] {
@@ -144,7 +156,8 @@ fn draw(svg: &mut String, curve: &Curve, top: f64, length_ticks: u64) {
         let y = y_of(limit);
         let _ = write!(
             svg,
-            "<line x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\" class=\"limit\"><title>{limit}</title></line>"
+            "<line x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\" class=\"limit\"><title>stay below {limit}: {}</title></line>",
+            curve.title
         );
     }
     let span_ticks = curve.series.span_ticks();

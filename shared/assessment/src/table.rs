@@ -211,7 +211,6 @@ pub static METRICS: [Definition; 42] = [
         (m.conduct.ticks > 0).then_some(m.electrode.coagulating_ticks as f64 * 1e-3)
     }),
     shown(Group::Safety, "cuts", "strokes of the loop that cut", "", |m| m.tissue.map(|status| f64::from(status.cuts))),
-    shown(Group::Safety, "removed", "volume of pathology removed", "ml", |m| m.tissue.map(|status| status.removed_volume_ml)),
     shown(Group::Safety, "healthy_removed", "volume of healthy tissue taken off", "ml", |m| {
         m.tissue.map(|status| status.healthy_removed_ml)
     }),
@@ -293,6 +292,7 @@ pub static METRICS: [Definition; 42] = [
         source: ASSUMED,
     },
     shown(Group::Task, "pathology", "pathology removed", "%", |m| m.judge.as_ref().and_then(Judge::removed_percent)),
+    shown(Group::Task, "removed", "volume of pathology removed", "ml", |m| m.tissue.map(|status| status.removed_volume_ml)),
     shown(Group::Task, "brought_out", "volume of pieces brought out of the cavity", "ml", |m| {
         m.tissue.map(|status| f64::from(status.washed_out_ml) + f64::from(status.taken_out_ml))
     }),

@@ -2,7 +2,8 @@
 
 use crate::absent::ABSENT;
 use crate::case;
-use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::columns::{Column, NONE, Sessions, letter, percent, seconds, valued, word};
+use crate::losses::{Loss, losses};
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
@@ -20,7 +21,7 @@ pub fn text(sessions: &Sessions) -> String {
     if !sessions.missing().is_empty() {
         text.push_str("Not everything of the recording is there: the end says what is missing, the values are of the rest.\n\n");
     }
-    for (name, fact) in sessions.reported.session_facts() {
+    for (name, fact) in sessions.reported.session_facts().into_iter().chain(sessions.reported.origin_facts()) {
         let _ = writeln!(text, "{name:<20}{fact}");
     }
     for (index, column) in sessions.earlier.iter().enumerate() {
@@ -35,6 +36,7 @@ pub fn text(sessions: &Sessions) -> String {
         case::text(&mut text, judge);
     }
     table(&mut text, sessions);
+    dearest(&mut text, &sessions.reported);
     text.push_str("\nWhat the pump said\n");
     for (name, fact) in sessions.reported.pump_facts() {
         let _ = writeln!(text, "  {name:<46}{fact}");
@@ -79,15 +81,25 @@ fn table(text: &mut String, sessions: &Sessions) {
     }
 }
 
+/// What cost most of the score.
+fn dearest(text: &mut String, column: &Column) {
+    let losses = losses(&column.scores);
+    let line = |loss: &Loss<'_>| {
+        let (definition, value) = (loss.metric.definition, valued(loss.metric));
+        format!("{:<44}{value:>10} {:<7}{:>7.1}", definition.name, definition.unit, loss.points)
+    };
+    let lines: Vec<String> = losses.iter().map(line).collect();
+    list(text, "\nWhat cost most, of 100", &lines);
+}
+
 fn row(text: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
-    let shown = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
     let definition = metric.definition;
     let score = if metric.scale.is_some() { percent(metric.score) } else { String::new() };
-    let _ = write!(text, "  {:<44}{:>10} {:<7}{score:>7}", definition.name, shown(metric), definition.unit);
+    let _ = write!(text, "  {:<44}{:>10} {:<7}{score:>7}", definition.name, valued(metric), definition.unit);
     if let Some(scale) = metric.scale.filter(|_| sessions.earlier.is_empty()) {
         let _ = write!(text, "{:>17}{:>9}", format!("{} … {}", scale.full, scale.none), scale.weight);
     }
-    earlier(text, sessions, |column| column.scores.metrics.get(index).map_or_else(String::new, shown));
+    earlier(text, sessions, |column| column.scores.metrics.get(index).map_or_else(String::new, valued));
 }
 
 /// The rest of a line: a field for each earlier session.

@@ -81,7 +81,7 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
     assert!(
         page.contains("multiplied by the share of them that was done") && page.contains("<span>All, × 0.50 for the goals</span>")
     );
-    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(4), Some(0.0)));
+    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(5), Some(0.0)));
     let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
     assert_eq!((&metric("time")["times_goals_share"], &metric("deficit")["times_goals_share"]), (&json!(true), &json!(false)));
 }
@@ -198,6 +198,27 @@ fn an_earlier_session_of_a_case_that_was_edited_or_draws_otherwise_by_now_is_mar
     for (index, (change, marked)) in changes.into_iter().enumerate() {
         assert_eq!(edited(change), marked, "change {index}");
     }
+}
+
+#[test]
+fn what_cost_most_is_named_and_the_scores_of_earlier_sessions_stand_below_those_of_the_session() {
+    let session = || recorded("glance", &[("case", case(&[0.05, 9.0], 3).as_str())], &at_work());
+    let mut sessions = Sessions::new("new.mcap", session());
+    sessions.compare("old.mcap", session());
+    let (page, told) = (html(&sessions), text(&sessions));
+    let total = scores(&sessions.reported.assessment.measured).total.unwrap();
+    assert_eq!(page.matches("<small>A ").count(), 6, "of all, of four groups and of the task");
+    assert!(page.contains(&format!("<small>A {total:.0} %</small>")), "{page}");
+    // Half of the goals, which weigh most, are open; no medium above the arteries' pressure.
+    let of_page = page.split_once("<h2>What cost most</h2>").unwrap().1.split_once("</section>").unwrap().0;
+    let of_text = told.split_once("What cost most, of 100\n").unwrap().1.split_once("\n\n").unwrap().0;
+    for dearest in [of_page, of_text] {
+        assert!(dearest.contains("goals of the case") && !dearest.contains("time above 100 mmHg"), "{dearest}");
+    }
+    let report = json(&sessions);
+    let costs = report["costs_most"].as_array().unwrap();
+    assert!((1..=5).contains(&costs.len()) && costs.iter().any(|cost| cost["key"] == "goals"), "{costs:?}");
+    assert_eq!((of_page.matches("<li>").count(), of_text.lines().count()), (costs.len(), costs.len()), "{of_page} {of_text}");
 }
 
 #[test]

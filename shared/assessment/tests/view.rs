@@ -59,6 +59,8 @@ fn the_report_tells_how_long_the_view_was_clear_how_long_it_was_lost_and_what_wa
     let of = |key: &str| json["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
     assert_eq!((&of("clear_view")["group"], &of("healthy_removed")["group"]), (&json!("Visualisation"), &json!("Safety")));
     assert_eq!((of("healthy_removed")["value"].as_f64(), of("view_lost")["unit"].as_str()), (Some(0.25), Some("s")));
+    let of_task = ["removed", "pathology", "brought_out", "goals"].map(|key| of(key)["group"].as_str());
+    assert_eq!(of_task, [Some("Task"); 4], "how complete the task is, is none of the four groups");
 }
 
 #[test]

@@ -174,7 +174,10 @@ const ROLLS: &str = "mirror = [\"side\", \"wall\"]\n[hand.rolls]\nfrom = { roll_
                      into = { roll_deg = -90.0, insertion_m = 0.02 }\nperiod_s = 2.0\n";
 
 /// The same, where the scene shows it.
-const TOGETHER: [(&str, &str, Kind, usize, &str); 21] = [
+const TOGETHER: [(&str, &str, Kind, usize, &str); 23] = [
+    // A goal holds 5 to 9 kPa.
+    ("deficit_above_ml = 100.0", "pressure_above_pa = 5000.0", Kind::Contradiction, 27, "warning[0].pressure_above_pa"),
+    ("deficit_above_ml = 100.0", "pressure_below_pa = 9000.0", Kind::Contradiction, 27, "warning[0].pressure_below_pa"),
     ("[score]", "[hand.mine]\nlike = \"polyp\"\nperiod_s = 2.0\n[score]", Kind::Contradiction, 28, "hand.mine"),
     ("vessel_spacing_m = [0.003, 0.004]\n", ROLLS, Kind::Contradiction, 11, "vary[1].mirror"),
     ("SCENE", "nowhere.toml", Kind::Missing, 5, "scene"),
@@ -242,7 +245,7 @@ fn the_good_case_is_good() {
 }
 
 #[test]
-fn places_that_can_just_be_reached_or_seen_are_good() {
+fn places_and_pressures_that_can_just_be_reached_seen_or_held_are_good() {
     let beside = BESIDE.replace("[0.02, 0.0, 0.0]", "[0.0285, 0.0, 0.0093]");
     let wide = ("[0.0, 0.0, 0.03]\nradius_m = 0.005", "[0.0285, 0.0, 0.0093]\nradius_m = 0.02");
     // The wall behind the deepest insertion, of 70 mm, into which the loop is warned not to be pushed.
@@ -253,7 +256,10 @@ fn places_that_can_just_be_reached_or_seen_are_good() {
     };
     let walls = ["centre_m = [0.0, 0.0, 0.08]\nradius_m = 0.004", "insertion_m = [0.075, 0.09]"].map(warned);
     let walls = walls.each_ref().map(|wall| (GOOD, wall.as_str()));
-    for (old, new) in [wide, (VISITED, beside.as_str())].into_iter().chain(walls) {
+    // Between 5 and 9 kPa there are pressures of which nobody is warned; of a notice all may be.
+    let partly = ("deficit_above_ml = 100.0", "pressure_above_pa = 5001.0\n[[warning]]\npressure_below_pa = 5000.0");
+    let noticed = ("deficit_above_ml = 100.0", "pressure_below_pa = 9000.0\nnotice = true");
+    for (old, new) in [wide, (VISITED, beside.as_str()), partly, noticed].into_iter().chain(walls) {
         assert!(GOOD.contains(old), "{old}");
         let text = GOOD.replacen(old, new, 1).replace("SCENE", &scene("default.toml"));
         find("just", &text).unwrap_or_else(|error| panic!("{new}: {error}"));

@@ -89,7 +89,7 @@ impl Judge {
             Aim::Look { landmarks, .. } => Some((state.places, landmarks.len())),
             _ => None,
         });
-        let (seen, all) = counts.fold((0, 0), |(seen, all), (more, of)| (seen + more, all + of));
+        let (seen, all) = counts.fold((0, 0), |(seen, all), (more, of)| (more.min(of) + seen, all + of));
         Some(all).filter(|all| *all > 0).map(|all| 100.0 * seen as f64 / all as f64)
     }
 }

@@ -33,9 +33,10 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }
 
-/// What a case that was never played has to show beyond that: the scope comes to its places, its current works where a goal needs the loop, jaws find
-/// something free where one needs them, and what is to be staunched bleeds.
+/// What a case that was never played has to show beyond that: nobody is warned of all that a goal asks for, the scope comes to its places, its current works
+/// where a goal needs the loop, jaws find something free where one needs them, and what is to be staunched bleeds.
 pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
+    unwarned(case)?;
     // Where objects are is known once they are drawn.
     reachable(case, scene, |place| place.centre_m)?;
     bleeds(case, scene)?;
@@ -49,6 +50,22 @@ pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
         Some((index, name)) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
         None => Ok(()),
     }
+}
+
+/// Whether the pressure that a goal has held can be held by who is warned of nothing. A notice costs nothing.
+fn unwarned(case: &Case) -> Checked {
+    for (index, warning) in case.warning.iter().enumerate().filter(|(_, warning)| !warning.notice) {
+        for held in case.goal.iter().filter_map(|goal| goal.pressure.as_ref()) {
+            let name = match (warning.pressure_above_pa, warning.pressure_below_pa) {
+                (Some(above_pa), _) if above_pa <= held.from_pa => "pressure_above_pa",
+                (_, Some(below_pa)) if below_pa >= held.to_pa => "pressure_below_pa",
+                _ => continue,
+            };
+            let what = format!("warns of all pressures that a goal has held, {} to {} Pa", held.from_pa, held.to_pa);
+            return wrong(Kind::Contradiction, format!("warning[{index}].{name}"), what, "warn of others, or set notice = true");
+        }
+    }
+    Ok(())
 }
 
 /// Whether jaws can do what goals ask for: they bring out what is free, cut nothing, and need no current.

@@ -29,7 +29,6 @@ pub const METRIC_KEYS: [(&str, bool); 42] = [
     ("energised_free", true),
     ("coagulated", false),
     ("cuts", false),
-    ("removed", false),
     ("healthy_removed", false),
     ("pressure_low", true),
     ("pressure_high", true),
@@ -43,6 +42,7 @@ pub const METRIC_KEYS: [(&str, bool); 42] = [
     ("alarms", false),
     ("goals", true),
     ("pathology", false),
+    ("removed", false),
     ("brought_out", false),
     ("warnings", true),
 ];
