@@ -81,7 +81,7 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
     assert!(
         page.contains("multiplied by the share of them that was done") && page.contains("<span>All, × 0.50 for the goals</span>")
     );
-    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(4), Some(0.0)));
+    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(5), Some(0.0)));
     let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
     assert_eq!((&metric("time")["times_goals_share"], &metric("deficit")["times_goals_share"]), (&json!(true), &json!(false)));
 }
