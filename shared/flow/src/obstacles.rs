@@ -122,6 +122,11 @@ impl<'a> Tool<'a> {
         }
     }
 
+    /// Whether faces of padded layer `kk` can touch the tool: those of its own layers of cells, and those on top of its highest.
+    fn reaches(&self, kk: usize) -> bool {
+        (self.low[2] + 1..self.high[2] + 2).contains(&kk)
+    }
+
     /// Gives the faces of padded layer `kk` that touch the tool its velocity; faces on the sides of the grid stay at rest.
     fn give_faces(&self, layout: &Layout, grid: &Grid, kk: usize, faces: &mut [Write<'_>; 3]) {
         let [nx, ny, _] = layout.n;
@@ -213,11 +218,19 @@ impl Solver {
             for tool in tools.iter().flatten() {
                 tool.give_faces(layout, grid, kk, &mut faces);
             }
-            // What faces within solids show is no flow.
-            let plane = fluid.layer(kk);
+            // What faces within solids show is no flow. Where no solid moves they are at rest.
+            let plane = &*fluid.layer(kk);
+            let moves = base.moves || tools.iter().flatten().any(|tool| tool.reaches(kk));
             for ((now, face), h) in now.iter().zip(&mut faces).zip(grid.spacing_m()) {
-                let flow = max_abs_where(now.layer(kk), plane);
-                sum.top = sum.top.max(flow.max(max_abs(face.layer(kk))) / h);
+                let face = &*face.layer(kk);
+                let most = wide(
+                    #[inline(always)]
+                    || {
+                        let flow = max_abs_where(now.layer(kk), plane);
+                        if moves { flow.max(max_abs(face)) } else { flow }
+                    },
+                );
+                sum.top = sum.top.max(most / h);
             }
         }
         Ok(())
