@@ -49,6 +49,8 @@ pub(crate) fn wall(out: &mut [f32], solid: [&[u8]; 2], velocity: [&[f32]; 2]) {
 pub(crate) fn mirror(out: &mut [f32], face: &[f32], own: [&[f32]; 2], around: &[[&[f32]; 3]; 4]) {
     let n = out.len();
     for from in (0..n).step_by(LANES) {
+        // The last block overlaps the one before, and makes the same of the same: one that is not whole costs as much as several.
+        let from = from.min(n.saturating_sub(LANES));
         let range = from..(from + LANES).min(n);
         let (mut open, mut sum) = ([0.0f32; LANES], [0.0f32; LANES]);
         for rows in around {
