@@ -6,7 +6,7 @@
 
 use crate::pump::{PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 
-/// An alarm of the pressure ends so far below its limit, Pa (3 mmHg): farther than a scope at work moves it.
+/// An alarm of the pressure ends so far below its limit, Pa (3 mmHg): as far as a warning of it in a session that is judged.
 const PRESSURE_CLEAR_PA: f64 = 3.0 * PA_PER_MMHG;
 /// An alarm of a loss, or of a hole, ends at this share of its limit: a pressure that goes by a tenth to either side changes what is lost by as much.
 const LOSS_CLEAR_SHARE: f64 = 0.8;

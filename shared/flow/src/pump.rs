@@ -1,6 +1,6 @@
 //! Pump and hydrometra: how much medium is in the cavity, at which pressure, and where the rest went.
 //!
-//! One compartment: dV/t = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume ([`crate::curve`]). All of
+//! One compartment: dV/dt = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume ([`crate::curve`]). All of
 //! it is the mean over a beat of the roller, which comes on top ([`crate::roller`]): by the mean the pump regulates, counts and gives alarm.
 //! Promise: implicit Euler, unconditionally stable; the balance of the counters holds to rounding whatever the inputs; counters are f64.
 //! Figures: Zátonyi et al. 2005 (hydrometra), WOM's manual, ACOG Committee Opinion 800. The conductances, the leak
