@@ -101,7 +101,7 @@ fn processes(look: &Look, registry: &mut Registry) {
 
 fn pump(look: &Look, registry: &mut Registry) {
     let Some(pump) = &look.pump else { return };
-    figure(registry, "pump_pressure_mmhg", "Pressure in the cavity, mmHg", pump.pressure_mmhg);
+    figure(registry, "pump_pressure_mmhg", "Pressure in the cavity, mmHg, mean of 1 s", pump.pressure_mmhg);
     figure(registry, "pump_inflow_milliliters_per_minute", "Flow into the cavity", pump.inflow_ml_min);
     figure(registry, "pump_outflow_milliliters_per_minute", "Flow out of the cavity", pump.outflow_ml_min);
     figure(registry, "pump_deficit_milliliters", "Volume in minus volume out since the start", pump.deficit_ml);

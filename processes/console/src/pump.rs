@@ -14,7 +14,7 @@ const MMHG_PA: f64 = 133.322;
 /// The pump.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Pump {
-    /// Pressure in the cavity, mmHg, as it is read at the table.
+    /// Pressure in the cavity, mmHg, as it is read at the table: of a [`Shown`](hyst_messages::Shown) status the mean over a second.
     pub pressure_mmhg: f64,
     /// Pressure that is set, mmHg; `None` if the hardware says nothing.
     pub set_mmhg: Option<f64>,

@@ -8,7 +8,7 @@ use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::{device, fluid, hardware, header, rendering, tissue};
-use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, Shown, TissueStatus};
 
 /// Fluids, and tissues: holder, spare and a newcomer on trial.
 const FLUIDS: usize = Role::Fluid.slots().1;
@@ -23,6 +23,8 @@ pub struct Sources {
     pictures: Option<Subscriber>,
     rendering: Option<ReadPage>,
     fluids: [Option<ReadPage>; FLUIDS],
+    /// The pressure, as it is shown.
+    shown: Shown,
     hardware: Option<ReadPage>,
     /// With its incarnation.
     tissues: [Option<(u32, ReadPage)>; TISSUES],
@@ -51,6 +53,7 @@ impl Sources {
             pictures: None,
             rendering: None,
             fluids: Default::default(),
+            shown: Shown::default(),
             hardware: None,
             tissues: Default::default(),
             devices: Default::default(),
@@ -124,11 +127,12 @@ impl Sources {
         gone
     }
 
-    /// What the newest of the fluids says of the pump at a tick, and the hardware of what is set.
-    pub fn pump(&self, tick: u64) -> Option<Pump> {
+    /// What the newest of the fluids says of the pump at a tick, the pressure as the mean over a second, and the hardware of what is set.
+    pub fn pump(&mut self, tick: u64) -> Option<Pump> {
         let newest = self.fluid()?;
+        let shown = self.shown.show(&newest);
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        Pump::new(&newest, sample.as_ref(), tick)
+        Pump::new(&shown, sample.as_ref(), tick)
     }
 
     /// What rendering says of its pictures. Of one that died they are as old as they are.

@@ -17,7 +17,7 @@ use crate::lens::Gaze;
 use crate::pieces::Pieces;
 use crate::removed::Removed;
 use crate::seals::{self, Seals};
-use crate::status::{Head, hash_of, is_of, status_of};
+use crate::status::{Head, alarms_of, hash_of, is_of, status_of};
 use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
@@ -302,7 +302,8 @@ impl Stateful for FlowEngine<'_> {
         let before = StateView::framed(message.section(1)?).map_err(broken)?;
         let input_tick = self.update_walls(message.header().input_tick, before.mask())?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
-        let report = self.crew.step(&inputs)?;
+        let mut report = self.crew.step(&inputs)?;
+        report.pump.alarms = report.pump.alarms_after(&alarms_of(&message.record::<Head>(0)?.status));
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
         let mut status = self.told(context.step_ticks, status_of(&report, &pump));
         status.flaws |= self.flaws;

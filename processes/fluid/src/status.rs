@@ -1,7 +1,7 @@
 //! What a fluid says of itself: the first section of its states, and the status in it, which its page has too.
 
 use bytemuck::{Pod, Zeroable};
-use hyst_flow::{Grid, PumpState, StepReport};
+use hyst_flow::{Alarms, Grid, PumpState, StepReport};
 use hyst_messages::{FLOW_FLAWS, FluidStatus, Kind, Message, PUMP_ALARMS, StreamHeader, fnv_words};
 
 /// First section of a fluid state.
@@ -46,6 +46,12 @@ pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
         flaws: bits(&FLOW_FLAWS[..4], &mended) | bits(&FLOW_FLAWS[4..], &as_they_were),
         ..FluidStatus::default()
     }
+}
+
+/// The alarms that stand in a status.
+pub(crate) fn alarms_of(status: &FluidStatus) -> Alarms {
+    let [pressure, deficit, abnormal_loss, perforation, container] = PUMP_ALARMS.map(|(bit, _)| status.alarms & bit != 0);
+    Alarms { pressure, deficit, abnormal_loss, perforation, container }
 }
 
 /// The bits that are set.

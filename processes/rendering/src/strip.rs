@@ -3,7 +3,7 @@
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Slot};
+use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, Role, SLOTS, Shown, Slot};
 use rendering::{ALARM, COLUMNS, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
@@ -32,6 +32,7 @@ pub struct Strip {
     signed: Vec<Slot>,
     /// Roles whose state is held still, because no successor survives a step of it: of the tissue there is no force.
     held: Vec<&'static str>,
+    shown: Shown,
     /// What stands beside the flow: which valves are shut.
     shut: &'static str,
     sign: String,
@@ -92,6 +93,11 @@ impl Strip {
             [false, true] => ", outflow shut",
             [false, false] => "",
         };
+    }
+
+    /// What is shown of what the newest of the fluids says: the pressure is the mean over a second, as on a pump's display.
+    pub fn smooth(&mut self, fluid: Option<FluidStatus>) -> Option<FluidStatus> {
+        fluid.map(|status| self.shown.show(&status))
     }
 
     /// Asks what is told of the case.

@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 /// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too. In form 2 the time of a case's session, and shares of
 /// it, counted from the first tick. In form 3 goals weighed alike and nothing counted of one that was open, notices and time were warnings, one tick of current
 /// was enough to judge the view by, and a camera head that was kept level had a score. In form 4 the volume that was `removed` was one of safety, as if to
-/// remove what is to be removed were a harm.
+/// remove what is to be removed were a harm, and the pump's roller beat in the shares and the peak of the pressure.
 const FORMAT: u32 = 5;
 
 /// The session that is reported, and under `compared` the earlier ones.

@@ -20,7 +20,7 @@ use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
 use crate::pieces::Pieces;
 use crate::sight::{axis, is_in_sight};
-use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus, mean_after};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
 
@@ -28,8 +28,6 @@ use serde::{Deserialize, Serialize};
 const HOLD_TICKS: u64 = 1_000;
 /// A warning stands until its cause is gone for so long, ticks: one that flickers is one.
 const CALM_TICKS: u64 = 1_000;
-/// Over so long the pressure is averaged, ticks: as long as the pump averages the one that it regulates.
-const AVERAGE_TICKS: f64 = 1_000.0;
 /// A warning of the pressure stands until that is so far on the right side of its limit again, Pa (3 mmHg): farther than the roller's beat in it goes from its
 /// lowest to its highest (twice 1.3 mmHg), however slowly the pump turns, so that a pressure that stays at its limit is warned of once.
 const CLEAR_PA: f64 = 400.0;
@@ -172,16 +170,10 @@ impl Judge {
         }
     }
 
-    /// The average after a status of this tick, with this pressure in it; after a time of which nothing is known it begins anew.
+    /// The average after a status of this tick, with this pressure in it.
     fn averaged_pa(&self, tick: u64, pressure_pa: f64) -> f64 {
-        let Some((was_pa, at)) = self.cavity.and_then(|cavity| Some((cavity.pressure_pa?, cavity.tick))) else {
-            return pressure_pa;
-        };
-        let passed = tick.saturating_sub(at);
-        if passed > HOLD_TICKS {
-            return pressure_pa;
-        }
-        was_pa + (pressure_pa - was_pa) * passed as f64 / (passed as f64 + AVERAGE_TICKS)
+        let before = self.cavity.and_then(|cavity| Some((cavity.tick, cavity.pressure_pa?)));
+        mean_after(before, tick, pressure_pa)
     }
 
     /// Takes a status of the tissue.

@@ -1,10 +1,11 @@
 //! Pressure, deficit and flow: from the statuses of the fluid, some twenty a second, each of which holds until the next, but for no longer than a
-//! second; and the valves and the light, from the records of the ticks.
+//! second; and the valves and the light, from the records of the ticks. The pressure is the mean over a second, as a pump shows it and as goals and warnings
+//! have it.
 
 use crate::bleeding::Bleeding;
 use crate::clarity::Clarity;
 use crate::conduct::Peak;
-use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PA_PER_MMHG, PUMP_ALARMS, PUMP_NOTICES};
+use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PA_PER_MMHG, PUMP_ALARMS, PUMP_NOTICES, mean_after};
 use hyst_scene::Alarm;
 use std::collections::VecDeque;
 
@@ -30,6 +31,8 @@ pub(crate) const SHUT: f32 = 0.05;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Medium {
     newest: Option<FluidStatus>,
+    /// The pressure's mean at the newest status, Pa, if that says a pressure; with its tick.
+    mean_pa: Option<(u64, f64)>,
     /// Ticks in which the pressure is known.
     pub known_ticks: u64,
     /// Of them below [`LOW_PA`].
@@ -40,7 +43,7 @@ pub struct Medium {
     pub parted_ticks: u64,
     /// Of them with any alarm that is no notice.
     pub alarm_ticks: u64,
-    /// The highest pressure, Pa.
+    /// The highest pressure, in the mean over a second, Pa.
     pub highest: Option<Peak>,
     /// Deficit in the newest status, ml.
     pub deficit_ml: Option<f64>,
@@ -127,9 +130,10 @@ impl Medium {
         let room = MOST_TOLD.saturating_sub(self.told.len());
         self.told.extend(came_up.map(|index| (index, status.state_tick)).take(room));
         count(&FLOW_FLAWS, &mut self.flaws, status.flaws & !flaws);
-        let pressure_pa = f64::from(status.pressure_pa);
-        if pressure_pa.is_finite() {
-            Peak::raise(&mut self.highest, pressure_pa, status.state_tick);
+        let pressure_pa = Some(f64::from(status.pressure_pa)).filter(|pressure_pa| pressure_pa.is_finite());
+        self.mean_pa = pressure_pa.map(|is_pa| (status.state_tick, mean_after(self.mean_pa, status.state_tick, is_pa)));
+        if let Some((_, mean_pa)) = self.mean_pa {
+            Peak::raise(&mut self.highest, mean_pa, status.state_tick);
         }
         if status.deficit_ml.is_finite() {
             self.deficit_ml = Some(status.deficit_ml);
@@ -142,18 +146,17 @@ impl Medium {
         self.newest = Some(*status);
     }
 
-    /// A status was true for so many ticks.
+    /// The newest status was true for so many ticks.
     fn hold(&mut self, status: &FluidStatus, held_ticks: u64) {
         if status.inflow_ml_min.is_finite() {
             *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * held_ticks as f64 / 60_000.0;
         }
         let ticks = held_ticks.min((status.state_tick + held_ticks).saturating_sub(self.began_tick));
-        let pressure_pa = f64::from(status.pressure_pa);
-        if pressure_pa.is_finite() {
+        if let Some((_, mean_pa)) = self.mean_pa {
             self.known_ticks += ticks;
-            self.low_ticks += if pressure_pa < LOW_PA { ticks } else { 0 };
-            self.high_ticks += if pressure_pa > HIGH_PA { ticks } else { 0 };
-            self.parted_ticks += if pressure_pa >= PARTED_PA { ticks } else { 0 };
+            self.low_ticks += if mean_pa < LOW_PA { ticks } else { 0 };
+            self.high_ticks += if mean_pa > HIGH_PA { ticks } else { 0 };
+            self.parted_ticks += if mean_pa >= PARTED_PA { ticks } else { 0 };
             self.alarm_ticks += if status.alarms & !PUMP_NOTICES != 0 { ticks } else { 0 };
         }
         if let Some(rate_ml_min) = self.bled.rate_ml_min().filter(|_| status.bled_ml.is_finite()) {
@@ -201,18 +204,31 @@ mod tests {
     fn each_status_holds_until_the_next_and_for_a_second_at_most() {
         let mut medium = Medium::default();
         for (tick, pressure_mmhg, alarms) in
-            [(0, 20.0, 0), (500, 38.0, 1), (1_000, 120.0, 29), (1_500, 70.0, 1), (9_000, 70.0, 0)]
+            [(0, 20.0, 0), (500, 38.0, 1), (1_000, 260.0, 29), (1_500, 70.0, 1), (9_000, 70.0, 0)]
         {
             medium.status(&FluidStatus { flaws: alarms & 5, ..status(tick, pressure_mmhg, 0.0, alarms) });
         }
         assert_eq!(medium.flaws, [1, 0, 0, 0, 1, 0, 0, 0]);
-        // 20, 38 and 120 mmHg for 500 ticks each, 70 for 1 000 of 7 500.
+        // In the mean 20, 20 + 18/3 = 26 and 26 + 234/3 = 104 mmHg for 500 ticks each, 104 − 34/3 = 92.7 for 1 000 of 7 500.
         let known = (medium.known_ticks, medium.low_ticks, medium.high_ticks, medium.parted_ticks, medium.alarm_ticks);
-        assert_eq!(known, (2_500, 500, 500, 1_500, 2_000));
+        assert_eq!(known, (2_500, 1_000, 500, 1_500, 2_000));
         assert_eq!((medium.alarms, medium.highest.unwrap().tick), ([1, 0, 1, 1, 1], 1_000));
+        assert!((medium.highest.unwrap().value - 104.0 * PA_PER_MMHG).abs() < 0.01, "{:?}", medium.highest);
         assert!((medium.inflow_ml.unwrap() - 5.0).abs() < 1e-9, "2.5 s of 120 ml/min");
         medium.status(&status(9_000, 500.0, 99.0, 7));
         assert_eq!(medium.deficit_ml, Some(0.0), "it is not newer");
+    }
+
+    /// A beat of 1.3 mmHg every 2.2 s at 99.3 mmHg was time above 100.
+    #[test]
+    fn the_rollers_beat_is_neither_time_beyond_a_limit_nor_a_peak() {
+        let mut medium = Medium::default();
+        for tick in (0..30_000_u64).step_by(25) {
+            let mmhg = 99.3 + 1.3 * (std::f64::consts::TAU * tick as f64 / 2_200.0).sin();
+            medium.status(&status(tick, mmhg, 0.0, 0));
+        }
+        assert_eq!((medium.known_ticks, medium.high_ticks), (29_975, 0));
+        assert!(medium.highest.unwrap().value < HIGH_PA, "{:?}", medium.highest);
     }
 
     #[test]

@@ -93,7 +93,7 @@ fn all(curves: &Curves) -> [Curve<'_>; 6] {
         Curve {
             factor: to_mmhg,
             band: Some([LOW_PA * to_mmhg, HIGH_PA * to_mmhg]),
-            ..plain("pressure in the cavity, mmHg", "pressure", &curves.pressure_pa)
+            ..plain("pressure in the cavity, mmHg, with the roller's beat", "pressure", &curves.pressure_pa)
         },
         Curve {
             factor: 100.0,

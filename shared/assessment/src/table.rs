@@ -22,7 +22,7 @@ pub static METRICS: [Definition; 42] = [
         unit: "%",
         scale: scale(95.0, 50.0, 2.0),
         value: |m| share(m.medium.parted_ticks, m.medium.known_ticks),
-        source: "walls part at a median of 40 mmHg; shares assumed",
+        source: "walls part at a median of 40 mmHg, in the mean of 1 s; shares assumed",
     },
     Definition {
         group: Group::Visualisation,
@@ -217,7 +217,7 @@ pub static METRICS: [Definition; 42] = [
     Definition {
         group: Group::Fluid,
         key: "pressure_low",
-        name: "time below 35 mmHg",
+        name: "time below 35 mmHg (mean of 1 s)",
         unit: "%",
         scale: scale(5.0, 50.0, 1.0),
         value: |m| share(m.medium.low_ticks, m.medium.known_ticks),
@@ -226,7 +226,7 @@ pub static METRICS: [Definition; 42] = [
     Definition {
         group: Group::Fluid,
         key: "pressure_high",
-        name: "time above 100 mmHg",
+        name: "time above 100 mmHg (mean of 1 s)",
         unit: "%",
         scale: scale(0.0, 10.0, 2.0),
         value: |m| share(m.medium.high_ticks, m.medium.known_ticks),
@@ -235,7 +235,7 @@ pub static METRICS: [Definition; 42] = [
     Definition {
         group: Group::Fluid,
         key: "pressure_peak",
-        name: "highest pressure",
+        name: "highest pressure (mean of 1 s)",
         unit: "mmHg",
         scale: scale(100.0, 150.0, 1.0),
         value: |m| m.medium.highest.map(|peak| peak.value / PA_PER_MMHG),

@@ -72,7 +72,7 @@ fn the_medium_and_the_cuts_are_those_of_the_statuses() {
     };
     let blocks: Vec<Block> = (0..21).map(|second| block(1_000 * second)).collect();
     let assessment = of_blocks("medium", &blocks);
-    // 1 s of 20 mmHg, 19 s of 70; the last status has no time. 0.5 ml/s are 30 ml/min; 60 ml/min for 20 s are 20 ml.
+    // 1 s of 20 mmHg, 19 s of 70, in the mean 45 and more; the last status has no time. 0.5 ml/s are 30 ml/min; 60 ml/min for 20 s are 20 ml.
     for (key, exact) in [
         ("pressure_low", 5.0),
         ("pressure_high", 0.0),

@@ -9,15 +9,16 @@ use crate::transport::hold_solid;
 impl Solver {
     /// Phase Hold: faces that touch a solid take what phase Mirror made for them, before the first sweep of Diffuse.
     pub(crate) fn hold_band(&self, band: usize) -> Result<(), FlowError> {
-        self.show_in_solids(band, &self.held)
+        self.show_in_solids(band, &self.held, false)
     }
 
-    /// Phase Rest: they take the solid's own velocity, after all that the step has moved.
+    /// Phase Rest: they take the solid's own velocity, after all that the step has moved. Far from the fluid they have shown that since Mirror: nothing is
+    /// mirrored there, AdvectBack holds each face that touches a solid, and Project leaves those be.
     pub(crate) fn rest_band(&self, band: usize) -> Result<(), FlowError> {
-        self.show_in_solids(band, &self.face)
+        self.show_in_solids(band, &self.face, true)
     }
 
-    fn show_in_solids(&self, band: usize, shown: &[Field; 3]) -> Result<(), FlowError> {
+    fn show_in_solids(&self, band: usize, shown: &[Field; 3], only_near: bool) -> Result<(), FlowError> {
         let now = self.plan()?.roles.now;
         let layout = &*self.layout;
         let spans = self.hierarchy.levels[0].spans()?;
@@ -29,8 +30,9 @@ impl Solver {
                 let plane = velocity.layer(kk);
                 // As in phase Mirror: where all is fluid nothing is held.
                 for j in (0..layout.n[1]).filter(|j| !spans.is_free_row(component, kk, *j)) {
-                    let o = layout.row(j);
-                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[o..o + layout.n[0]]);
+                    let cells = if only_near { spans.near_row(kk, j) } else { 0..layout.n[0] };
+                    let (o, n) = (layout.row(j) + cells.start, cells.len());
+                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[o..o + n]);
                 }
                 self.mirrors.plane(layout, component, plane);
             }

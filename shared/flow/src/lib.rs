@@ -8,6 +8,7 @@
 //! - [`Solver::step_serial`] computes a step on one thread; [`Solver::begin`], [`Solver::next_phase`] and [`Solver::run_phase`] let
 //!   several threads compute bands of layers with the same result, bit for bit.
 
+mod alarms;
 mod blood;
 mod bubbles;
 mod coarsen;
@@ -46,6 +47,7 @@ mod transport;
 mod walls;
 mod wires;
 
+pub use alarms::Alarms;
 pub use blood::{BloodSource, BloodState, MOST_OPENING, Particle};
 pub use bubbles::{BubbleModel, BubbleState, GasSource, MAX_BUBBLES};
 pub use coordinator::{MAX_SWEEPS, StepReport};
@@ -53,7 +55,7 @@ pub use error::FlowError;
 pub use grid::{Grid, MAX_AXIS, MAX_BANDS, MAX_CELLS};
 pub use inputs::{Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, MAX_WIRES, Port, Way};
 pub use model::{BloodModel, FlowModel, Medium, Wall};
-pub use pump::{Alarms, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
+pub use pump::{PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 pub use roller::Beat;
 pub use sight::{EXTINCTION_PER_M, SIGHT_M, transmittance};
 pub use solver::{Phase, Solver};

@@ -20,30 +20,31 @@ const MAX_WALL_M_S: f32 = 1.0;
 pub(crate) struct Walls {
     /// Of each cell, x fastest: nonzero is solid.
     pub solid: Vec<u8>,
-    /// Of each solid cell, m/s; 0 of the others.
-    velocity_m_s: Vec<[f32; 3]>,
+    /// Along x, y, z, of each solid cell, m/s; 0 of the others.
+    velocity_m_s: [Vec<f32>; 3],
     /// Whether one of them moves.
     moves: bool,
 }
 
 impl Walls {
     pub fn new(cells: usize) -> Self {
-        Self { solid: vec![0; cells], velocity_m_s: vec![[0.0; 3]; cells], moves: false }
+        Self { solid: vec![0; cells], velocity_m_s: std::array::from_fn(|_| vec![0.0; cells]), moves: false }
     }
 
     /// Gives how many numbers were replaced.
     fn set(&mut self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) -> u32 {
         self.solid.copy_from_slice(solid);
         if self.moves {
-            self.velocity_m_s.fill([0.0; 3]);
+            self.velocity_m_s.iter_mut().for_each(|along| along.fill(0.0));
         }
         self.moves = velocity_m_s.is_some();
         let mut replaced = 0;
-        for ((own, given), _) in
-            self.velocity_m_s.iter_mut().zip(velocity_m_s.unwrap_or_default()).zip(solid).filter(|(_, s)| **s != 0)
-        {
-            *own = *given;
-            own.iter_mut().for_each(|v| tame(v, -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced));
+        let given = velocity_m_s.unwrap_or_default().iter().zip(solid).enumerate();
+        for (cell, (given, _)) in given.filter(|(_, (_, solid))| **solid != 0) {
+            for (along, v) in self.velocity_m_s.iter_mut().zip(given) {
+                along[cell] = *v;
+                tame(&mut along[cell], -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced);
+            }
         }
         replaced
     }
@@ -53,19 +54,21 @@ impl Walls {
         let [nx, ny, _] = layout.n;
         let strides = [1, nx, nx * ny];
         for (axis, (face, back)) in faces.iter_mut().zip(strides).enumerate() {
-            let plane = face.layer(kk);
+            let (plane, velocity, from) = (face.layer(kk), &self.velocity_m_s[axis], usize::from(axis == 0));
             if axis == 2 && kk == 1 {
                 continue;
             }
-            for j in usize::from(axis == 1)..ny {
-                let (o, first) = (layout.row(j), ((kk - 1) * ny + j) * nx);
-                for i in usize::from(axis == 0)..nx {
-                    let (here, there) = (first + i, first + i - back);
-                    let solids = f32::from(u8::from(self.solid[here] != 0) + u8::from(self.solid[there] != 0));
-                    let sum = self.velocity_m_s[here][axis] + self.velocity_m_s[there][axis];
-                    plane[o + i] = sum / solids.max(1.0);
-                }
-            }
+            wide(
+                #[inline(always)]
+                || {
+                    for j in usize::from(axis == 1)..ny {
+                        let (o, first) = (layout.row(j), ((kk - 1) * ny + j) * nx);
+                        let (here, there) = (first + from..first + nx, first + from - back..first + nx - back);
+                        let solid = [&self.solid[here.clone()], &self.solid[there.clone()]];
+                        rows::wall(&mut plane[o + from..o + nx], solid, [&velocity[here], &velocity[there]]);
+                    }
+                },
+            );
         }
     }
 }
@@ -120,6 +123,11 @@ impl<'a> Tool<'a> {
                 found(i, v);
             }
         }
+    }
+
+    /// Whether faces of padded layer `kk` can touch the tool: those of its own layers of cells, and those on top of its highest.
+    fn reaches(&self, kk: usize) -> bool {
+        (self.low[2] + 1..self.high[2] + 2).contains(&kk)
     }
 
     /// Gives the faces of padded layer `kk` that touch the tool its velocity; faces on the sides of the grid stay at rest.
@@ -213,11 +221,19 @@ impl Solver {
             for tool in tools.iter().flatten() {
                 tool.give_faces(layout, grid, kk, &mut faces);
             }
-            // What faces within solids show is no flow.
-            let plane = fluid.layer(kk);
+            // What faces within solids show is no flow. Where no solid moves they are at rest.
+            let plane = &*fluid.layer(kk);
+            let moves = base.moves || tools.iter().flatten().any(|tool| tool.reaches(kk));
             for ((now, face), h) in now.iter().zip(&mut faces).zip(grid.spacing_m()) {
-                let flow = max_abs_where(now.layer(kk), plane);
-                sum.top = sum.top.max(flow.max(max_abs(face.layer(kk))) / h);
+                let face = &*face.layer(kk);
+                let most = wide(
+                    #[inline(always)]
+                    || {
+                        let flow = max_abs_where(now.layer(kk), plane);
+                        if moves { flow.max(max_abs(face)) } else { flow }
+                    },
+                );
+                sum.top = sum.top.max(most / h);
             }
         }
         Ok(())

@@ -1,11 +1,12 @@
 //! Pump and hydrometra: how much medium is in the cavity, at which pressure, and where the rest went.
 //!
-//! One compartment: dV/t = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume ([`crate::curve`]). All of
+//! One compartment: dV/dt = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume ([`crate::curve`]). All of
 //! it is the mean over a beat of the roller, which comes on top ([`crate::roller`]): by the mean the pump regulates, counts and gives alarm.
 //! Promise: implicit Euler, unconditionally stable; the balance of the counters holds to rounding whatever the inputs; counters are f64.
 //! Figures: Zátonyi et al. 2005 (hydrometra), WOM's manual, ACOG Committee Opinion 800. The conductances, the leak
 //! and the shape of the curve between its two published points are this model's assumptions, to be set per case.
 
+use crate::alarms::Alarms;
 use crate::error::FlowError;
 use crate::inputs::tame;
 use crate::model::range;
@@ -173,21 +174,6 @@ impl PumpState {
     }
 }
 
-/// Alarms of the pump.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Alarms {
-    /// Pressure above the set pressure by the model's margin.
-    pub pressure: bool,
-    /// Deficit at its limit: the model's, or the medium's.
-    pub deficit: bool,
-    /// Much medium disappears, wherever to: into vessels, past the sheath, through a hole.
-    pub abnormal_loss: bool,
-    /// More disappears than vessels and the sheath's leak can take at this pressure, were every vein open: only a hole explains it.
-    pub perforation: bool,
-    /// The container is nearly empty and is to be changed. The next one flows without a pause (two hang side by side).
-    pub container: bool,
-}
-
 /// Flows and pressure at the end of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PumpReport {
@@ -206,8 +192,10 @@ pub struct PumpReport {
     pub perforation_ml_s: f64,
     /// What the roller's beat adds to the flows, and has added to the pressure; nothing in the report of [`PumpModel::step`].
     pub beat: Beat,
-    /// Alarms.
+    /// Alarms, each by its limit.
     pub alarms: Alarms,
+    /// Those that go on if they stood before ([`Self::alarms_after`]).
+    pub lasting: Alarms,
 }
 
 /// Flows at one pressure, ml/s.
@@ -254,7 +242,7 @@ impl PumpModel {
     }
 
     /// The set pressure that the pump obeys, Pa: none above its range.
-    fn set_pa(&self, input: &PumpInput) -> f64 {
+    pub(crate) fn set_pa(&self, input: &PumpInput) -> f64 {
         f64::from(input.set_pa).min(self.max_set_pa)
     }
 
@@ -299,6 +287,8 @@ impl PumpModel {
         }
         let per_s = if dt_s > 0.0 { 1.0 / dt_s } else { 0.0 };
         let pressure_pa = self.distended_pa(state.cavity_ml, input.displaced_ml);
+        let lost_ml_s = (state.lost_ml() - before.lost_ml()) * per_s;
+        let [alarms, lasting] = self.alarms(state, input, isotonic, lost_ml_s, [before_pa, pressure_pa]);
         PumpReport {
             pressure_pa,
             in_ml_s: (state.in_ml - before.in_ml) * per_s,
@@ -307,31 +297,8 @@ impl PumpModel {
             leak_ml_s: (state.leaked_ml - before.leaked_ml) * per_s,
             perforation_ml_s: (state.perforated_ml - before.perforated_ml) * per_s,
             beat: Beat::default(),
-            alarms: self.alarms(state, input, isotonic, (state.lost_ml() - before.lost_ml()) * per_s, [before_pa, pressure_pa]),
-        }
-    }
-
-    /// The alarms at the end of a step in which so much was lost, with the pressures at its begin and end.
-    fn alarms(
-        &self,
-        state: &PumpState,
-        input: &PumpInput,
-        isotonic: bool,
-        lost_ml_s: f64,
-        [before_pa, pressure_pa]: [f64; 2],
-    ) -> Alarms {
-        let set_pa = self.set_pa(input);
-        let deficit_ml = self.deficit_alarm_ml.unwrap_or(if isotonic { 2_500.0 } else { 1_000.0 });
-        // At the higher pressure of the two, so that a pressure that falls does not make a hole of what went into veins.
-        let highest_pa = before_pa.max(pressure_pa);
-        let veins_ml_s = self.intravasation_ml_s_pa * (highest_pa - self.venous_pa).max(0.0);
-        let explained_ml_s = veins_ml_s + self.leak_ml_s_pa * highest_pa;
-        Alarms {
-            pressure: pressure_pa > set_pa + self.pressure_alarm_pa,
-            deficit: state.deficit_ml() >= deficit_ml,
-            abnormal_loss: lost_ml_s > self.loss_alarm_ml_s,
-            perforation: lost_ml_s > explained_ml_s + self.hole_alarm_ml_s,
-            container: self.container_left_ml(state) <= self.container_alarm_ml,
+            alarms,
+            lasting,
         }
     }
 

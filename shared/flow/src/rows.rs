@@ -32,12 +32,25 @@ pub(crate) fn are_fluid(cells: &[f32]) -> bool {
     cells.iter().fold(u32::MAX, |all, cell| all & cell.to_bits()) == 1.0f32.to_bits()
 }
 
+/// The velocity of faces of which each is between two cells: the mean of those that are solid (not 0), of which the others' is 0.
+#[inline(always)]
+pub(crate) fn wall(out: &mut [f32], solid: [&[u8]; 2], velocity: [&[f32]; 2]) {
+    let n = out.len();
+    let (solid, velocity) = (solid.map(|row| &row[..n]), velocity.map(|row| &row[..n]));
+    for i in 0..n {
+        let solids = f32::from(u8::from(solid[0][i] != 0) + u8::from(solid[1][i] != 0));
+        out[i] = (velocity[0][i] + velocity[1][i]) / larger(solids, 1.0);
+    }
+}
+
 /// A face between two solid cells shows, beside faces that the medium goes through, twice the solid's velocity less the mean of theirs; any other the solid's.
 /// `own` are the cells on both sides of each face; `around` the same and the velocity of the four faces beside it.
 #[inline(always)]
 pub(crate) fn mirror(out: &mut [f32], face: &[f32], own: [&[f32]; 2], around: &[[&[f32]; 3]; 4]) {
     let n = out.len();
     for from in (0..n).step_by(LANES) {
+        // The last block overlaps the one before, and makes the same of the same: one that is not whole costs as much as several.
+        let from = from.min(n.saturating_sub(LANES));
         let range = from..(from + LANES).min(n);
         let (mut open, mut sum) = ([0.0f32; LANES], [0.0f32; LANES]);
         for rows in around {

@@ -2,7 +2,8 @@
 
 mod scene;
 
-use hyst_flow::{FlowInputs, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
+use hyst_flow::{Alarms, FlowInputs, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
+use proptest::prelude::*;
 
 fn run(model: &PumpModel, input: &PumpInput, seconds: f64) -> (PumpState, PumpReport) {
     let mut state = PumpState::default();
@@ -154,4 +155,84 @@ fn bleeding_fills_the_cavity_and_is_balanced() {
     }
     assert!((state.cavity_ml - 1.0).abs() < 1e-12 && (state.bled_ml - 1.0).abs() < 1e-12);
     assert!(state.imbalance_ml().abs() < 1e-12);
+}
+
+/// What is said of a cavity after a microsecond, in which next to nothing changes; the medium is hypotonic.
+fn moment(mut state: PumpState, input: &PumpInput) -> PumpReport {
+    PumpModel::default().step(&mut state, input, false, 0.0, 1e-6)
+}
+
+/// The pressure so far above the alarm's limit, in parts of the 3 mmHg after which it ends.
+fn pressed(by: f64) -> PumpReport {
+    let model = PumpModel::default();
+    let set_pa = model.pressure_pa(4.0) - model.pressure_alarm_pa - by * 3.0 * PA_PER_MMHG;
+    moment(PumpState { cavity_ml: 4.0, ..PumpState::default() }, &PumpInput { set_pa: set_pa as f32, ..PumpInput::default() })
+}
+
+/// The deficit so far above 1 000 ml, in parts of the 8 ml that the cavity holds.
+fn missing(by: f64) -> PumpReport {
+    moment(PumpState { cavity_ml: 4.0, in_ml: 1_000.0 + 8.0 * by, ..PumpState::default() }, &PumpInput::default())
+}
+
+/// So much is lost through a hole, ml/s, at the pressure of 4 ml.
+fn losing(ml_s: f64) -> PumpReport {
+    let model = PumpModel::default();
+    let perforation = (ml_s / (model.perforation_ml_s_pa * model.pressure_pa(4.0))) as f32;
+    moment(PumpState { cavity_ml: 4.0, ..PumpState::default() }, &PumpInput { perforation, ..PumpInput::default() })
+}
+
+/// A loss so far above 5 ml/s, in parts of a fifth of that.
+fn leaking(by: f64) -> PumpReport {
+    losing(5.0 + by)
+}
+
+/// A loss so far above what veins take and 1 ml/s, in parts of 0.2 ml/s.
+fn pierced(by: f64) -> PumpReport {
+    let model = PumpModel::default();
+    losing(model.intravasation_ml_s_pa * (model.pressure_pa(4.0) - model.venous_pa) + 1.0 + 0.2 * by)
+}
+
+type Signal = (&'static str, fn(f64) -> PumpReport, fn(&Alarms) -> bool);
+
+/// What each alarm goes by: 0 is at its limit, and at −1 it ends.
+const SIGNALS: [Signal; 4] = [
+    ("pressure", pressed, |alarms| alarms.pressure),
+    ("deficit", missing, |alarms| alarms.deficit),
+    ("abnormal loss", leaking, |alarms| alarms.abnormal_loss),
+    ("perforation", pierced, |alarms| alarms.perforation),
+];
+
+#[test]
+fn an_alarm_begins_at_its_limit_and_ends_only_when_that_is_passed_by_so_much() {
+    for (name, signal, of) in SIGNALS {
+        let mut alarms = Alarms::default();
+        let told: Vec<bool> = [-0.02, 0.02, -0.02, -0.98, 0.5, -1.02, -0.98, -0.02, 0.02, -5.0]
+            .into_iter()
+            .map(|by| {
+                alarms = signal(by).alarms_after(&alarms);
+                of(&alarms)
+            })
+            .collect();
+        assert_eq!(told, [false, true, true, true, true, false, false, false, true, false], "{name}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn what_swings_about_a_limit_is_one_alarm_that_begins_at_once(swings in prop::collection::vec(-0.99f64..3.0, 1..100)) {
+        for (name, signal, of) in SIGNALS {
+            let (mut alarms, mut begun) = (Alarms::default(), 0);
+            for by in &swings {
+                let report = signal(*by);
+                let after = report.alarms_after(&alarms);
+                prop_assert!(of(&after) || !of(&report.alarms), "{}: it is late", name);
+                begun += u32::from(of(&after) && !of(&alarms));
+                alarms = after;
+            }
+            prop_assert!(begun <= 1, "{}: {} alarms", name, begun);
+            let is_beyond = swings.iter().any(|by| *by > 1e-3);
+            prop_assert!(begun == 1 || !is_beyond, "{}: none", name);
+        }
+    }
 }

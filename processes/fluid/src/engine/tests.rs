@@ -31,8 +31,9 @@ fn each_alarm_of_the_pump_and_each_flaw_has_the_bit_of_its_name() {
     for (alarm, name) in set {
         let mut report = StepReport::default();
         *alarm(&mut report.pump.alarms) = true;
-        let bits = status_of(&report, &PumpState::default()).alarms;
-        assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+        let status = status_of(&report, &PumpState::default());
+        assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(status.alarms, name)));
+        assert_eq!(alarms_of(&status), report.pump.alarms, "{name}");
     }
     type Flaw = fn(&mut StepReport);
     let flaws: [(Flaw, &str); 5] = [
@@ -253,6 +254,45 @@ fn what_the_scope_takes_of_the_cavitys_room_and_what_is_gone_leaves_of_it_is_tol
         let polyp_ml = gone_ml(&mut engine.removed, 1, &tets[..left], Some(&rest_m[..]));
         assert!(polyp_ml > 0.3, "{polyp_ml} ml");
         assert_eq!(engine.inputs(0.03).pump.displaced_ml, scope_ml - polyp_ml);
+    });
+}
+
+/// Whether an alarm stood is in the state, so that whoever goes on from it ends it where the one before would have.
+#[test]
+fn an_alarm_of_the_pressure_ends_3_mmhg_below_its_limit_whoever_goes_on_from_the_state() {
+    in_a_station("alarm", |mut engine| {
+        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
+        let page = life.station.create_slot(slot, 3).unwrap();
+        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
+        page.write(hardware::STATEMENT, &stated());
+        let rest = at_rest(&load_scene(None).unwrap());
+        let mut sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
+        page.write(hardware::SAMPLE, &sample);
+        let bytes = engine.message_bytes();
+        let (mut now, mut next) = (vec![0u64; bytes / 8], vec![0u64; bytes / 8]);
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+        for tick in 1..=3 {
+            engine.step(&context(100 * tick, 100), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+            std::mem::swap(&mut now, &mut next);
+        }
+        let displaced_ml = engine.inputs(0.03).pump.displaced_ml;
+        let (pump, model) = (engine.crew.solver().counters().unwrap().0, engine.crew.solver().model().pump);
+        let held_pa = model.distended_pa(pump.cavity_ml, displaced_ml);
+        assert!(held_pa > 4_000.0, "{held_pa} Pa");
+        // All is shut, and the alarm's limit so far above the cavity's pressure.
+        let mut alarms = |stood: u32, above_pa: f64| {
+            (sample.hardware_tick, sample.time_ns) = (sample.hardware_tick + 1, sample.time_ns + 1_000_000);
+            (sample.controls.inflow_valve, sample.controls.outflow_valve) = (0.0, 0.0);
+            sample.controls.set_pressure_pa = (held_pa - model.pressure_alarm_pa + above_pa) as f32;
+            page.write(hardware::SAMPLE, &sample);
+            let status = FluidStatus { alarms: stood, ..FluidStatus::default() };
+            engine.write(StreamHeader::default(), status, bytemuck::cast_slice_mut(&mut now)).unwrap();
+            engine.step(&context(400, 33), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+            let head: Head = Message::parse(bytemuck::cast_slice(&next), Kind::FluidState).unwrap().record(0).unwrap();
+            head.status.alarms
+        };
+        assert_eq!([alarms(0, -10.0), alarms(0, 10.0)], [1, 0], "it begins at its limit");
+        assert_eq!([alarms(1, 10.0), alarms(1, 390.0), alarms(1, 410.0)], [1, 1, 0]);
     });
 }
 

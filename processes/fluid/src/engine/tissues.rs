@@ -1,7 +1,8 @@
 //! What is read of the tissues: their states and topologies, and which of these can be.
 //!
-//! Promise: in use is the newest state that can be and whose topology is there, as the newest of its source. One that cannot be, or whose topology cannot,
-//! is refused and counted, and the one before stays in use with its tick; no step waits for what was refused.
+//! Promise: in use is the newest state that can be and whose topology is there; it has its topology until another one is used, whatever its source sends
+//! meanwhile. One that cannot be, or whose topology cannot, is refused and counted, and the one before stays in use with its tick; no step waits for what was
+//! refused.
 
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,8 @@ pub(super) struct Tissues {
     roster: Roster,
     horizon: Horizon,
     in_use: Option<Held>,
+    /// The topology of the state in use, where its source has sent another one since.
+    kept: Option<Held>,
     /// A newer state, whose topology is not there yet.
     awaited: Option<Held>,
     /// The latest tick of which a state was not taken.
@@ -68,7 +71,7 @@ impl Tissues {
     /// None yet.
     pub(super) fn new(life: &Life) -> Result<Tissues, Failure> {
         let (roster, horizon) = (Roster::open(&life.station)?, Horizon::open(&life.station, Role::Tissue)?);
-        Ok(Tissues { sources: Default::default(), roster, horizon, in_use: None, awaited: None, refused_tick: None })
+        Ok(Tissues { sources: Default::default(), roster, horizon, in_use: None, kept: None, awaited: None, refused_tick: None })
     }
 
     /// Takes the stream of a new incarnation in a tissue's place; gives back the one before.
@@ -85,6 +88,7 @@ impl Tissues {
     pub(super) fn receive(&mut self, life: &Life, step_ticks: u64) {
         let (roster, horizon) = (&self.roster, &self.horizon);
         let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, step_ticks, &life.clock);
+        let version_in_use = self.in_use.as_ref().and_then(version_of);
         let mut key = self.awaited.as_ref().or(self.in_use.as_ref()).and_then(key_of);
         for source in &mut self.sources {
             let newest = source.states.as_ref().and_then(|stream| Some((stream.incarnation(), stream.newest().ok()??)));
@@ -102,7 +106,10 @@ impl Tissues {
                     }
                 }
             }
-            source.take_topology(life);
+            let before = source.take_topology(life);
+            let is_in_use =
+                |held: &Held| version_in_use.is_some_and(|version| Message::topology(held.bytes(), version).is_some());
+            self.kept = before.filter(is_in_use).or(self.kept.take());
         }
         self.go_over();
     }
@@ -113,7 +120,8 @@ impl Tissues {
         let Ok(state) = Message::parse(held.bytes(), Kind::TissueState) else { return };
         let header = *state.header();
         if self.topology_of(&state).is_some() {
-            self.in_use = Some(held);
+            let is_its = |kept: &Held| Message::topology(kept.bytes(), header.topology_version).is_some();
+            (self.in_use, self.kept) = (Some(held), self.kept.take().filter(is_its));
         } else if self.sources.iter().any(|source| source.has_refused(header.incarnation, header.topology_version)) {
             self.refused_tick = self.refused_tick.max(Some(header.tick));
         } else {
@@ -130,7 +138,7 @@ impl Tissues {
     /// The topology that a state is of, from whichever tissue has sent it.
     fn topology_of(&self, state: &Message<'_>) -> Option<Message<'_>> {
         let version = state.header().topology_version;
-        let mut all = self.sources.iter().filter_map(|source| source.topology.as_ref());
+        let mut all = self.sources.iter().filter_map(|source| source.topology.as_ref()).chain(&self.kept);
         all.find_map(|held| Message::topology(held.bytes(), version))
     }
 
@@ -142,17 +150,22 @@ impl Tissues {
 }
 
 impl Source {
-    /// Takes its newest topology. One that cannot be is left, and who sent it is named: what is made of one (wounds, holes) stands until the next version.
-    fn take_topology(&mut self, life: &Life) {
-        let newest = self.topologies.as_ref().and_then(|stream| Some((stream.incarnation(), stream.newest().ok()??)));
+    /// Takes its newest topology, and gives the one before. One that cannot be is left, and who sent it is named: what is made of one (wounds, holes) stands
+    /// until the next version. A stream keeps one alone, its newest, and lends three at a time: the one in use, the one before this, and this.
+    fn take_topology(&mut self, life: &Life) -> Option<Held> {
+        let newest = self.topologies.as_ref().and_then(|stream| Some((stream.incarnation(), stream.next().ok()??)));
         match newest {
-            Some((_, held)) if topology_is_sound(held.bytes()) => (self.topology, self.refused) = (Some(held), Refused::Nothing),
+            Some((_, held)) if topology_is_sound(held.bytes()) => {
+                self.refused = Refused::Nothing;
+                self.topology.replace(held)
+            }
             Some((tissue, held)) => {
                 let read = Message::parse(held.bytes(), Kind::Topology);
                 self.refused = read.map_or(Refused::Unreadable, |read| Refused::Version(read.header().topology_version));
                 life.refuse(tissue, Distrust::Invalid);
+                None
             }
-            None => {}
+            None => None,
         }
     }
 
@@ -193,4 +206,9 @@ fn is_sane(state: &Message<'_>) -> bool {
 fn key_of(held: &Held) -> Option<(u32, u64)> {
     let header = *Message::parse(held.bytes(), Kind::TissueState).ok()?.header();
     Some((header.epoch, header.tick))
+}
+
+/// Version of the topology that a held state is of.
+fn version_of(held: &Held) -> Option<u32> {
+    Message::parse(held.bytes(), Kind::TissueState).ok().map(|state| state.header().topology_version)
 }

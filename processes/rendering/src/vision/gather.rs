@@ -56,7 +56,8 @@ impl Vision<'_> {
         self.strip.hear(self.life, tick);
         self.strip.heed(sources.cut_limits(), tick);
         self.strip.turn(sample.map(|sample| &sample.controls));
-        let mut overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
+        let fluid = self.strip.smooth(sources.pump());
+        let mut overlay = self.strip.overlay(tick, fluid.as_ref(), set_pa);
         if has_window {
             overlay.lines.extend(self.switches.lines(given, self.focus_m));
         }

@@ -167,6 +167,41 @@ fn a_state_is_used_once_its_topology_is_there_and_is_refused_with_it() {
     });
 }
 
+/// It had none until a state of that version came, and the walls stood still meanwhile.
+#[test]
+fn a_state_in_use_keeps_its_topology_when_the_next_one_comes_first() {
+    on_a_bench(|bench, _| {
+        let mut tissues = bench.tissues();
+        let mut look = |tick: u64| {
+            bench.has_stepped(tick);
+            tissues.receive(&bench.life, 33);
+            let in_use = tissues.newest().map(|(state, topology)| (state.header().tick, topology.header().topology_version));
+            in_use.unwrap_or_default()
+        };
+        let of = |version: u32| move |header: &mut StreamHeader| header.topology_version = version;
+        bench.send_topology(0, 1, TOPOLOGY);
+        bench.send(0, 33, 0.0, of(1));
+        assert_eq!(look(33), (33, 1));
+        bench.send_topology(0, 2, TOPOLOGY);
+        assert_eq!(look(33), (33, 1), "its own");
+        bench.send(0, 66, 0.0, of(1));
+        assert_eq!(look(66), (66, 1), "one that was computed before the cut");
+        bench.send(0, 99, 0.0, of(2));
+        assert_eq!(look(99), (99, 2));
+        // More of them than a stream lends at a time.
+        for version in 3..12 {
+            bench.send_topology(0, version, TOPOLOGY);
+            assert_eq!(look(99), (99, 2), "when version {version} had come");
+        }
+        bench.send(0, 132, 0.0, of(1));
+        assert_eq!(look(132), (99, 2), "what was left is kept no longer");
+        bench.send(0, 165, 0.0, of(11));
+        assert_eq!(look(165), (165, 11));
+        bench.send_topology(0, 12, UNFIT);
+        assert_eq!((look(165), bench.refused()), ((165, 11), 1));
+    });
+}
+
 #[test]
 fn on_a_virtual_clock_the_fluid_steps_on_and_its_spare_has_in_use_what_it_has() {
     on_a_bench(|bench, station| {
