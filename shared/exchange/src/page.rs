@@ -216,7 +216,7 @@ impl ReadPage {
         cell::read_ring_at(self.mapping.words64(), at, key)
     }
     /// Key after the newest entry of a ring.
-    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+    pub fn ring_end<T: Pod>(&self, at: RingAt<T>) -> u64 {
         cell::ring_end(self.mapping.words64(), at)
     }
     /// Waits until a 32-bit word differs from `expected` or the deadline has passed; may return early.
@@ -323,7 +323,7 @@ impl OwnedPage {
         cell::read_ring_at(self.mapping.words64(), at, key)
     }
     /// Key after the newest entry of a ring of the own page.
-    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+    pub fn ring_end<T: Pod>(&self, at: RingAt<T>) -> u64 {
         cell::ring_end(self.mapping.words64(), at)
     }
     /// Waits until a 32-bit word of the own page differs from `expected` or the deadline has passed; may return early.
