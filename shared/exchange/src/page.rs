@@ -141,10 +141,13 @@ pub fn create(path: &Path, words: usize, slot: usize, incarnation: u32) -> Resul
         }
     };
     let page = OwnedPage { mapping };
-    page.store64(header::SLOT, slot as u64);
-    page.store64(header::INCARNATION, incarnation as u64);
-    page.store64(header::MAGIC, magic());
+    page.mend_header(slot, incarnation);
     Ok(page)
+}
+
+/// The words of a header that never change, and what they say: whose page it is, of which life, and last that it is ready.
+fn lasting_words(slot: usize, incarnation: u32) -> [(usize, u64); 3] {
+    [(header::SLOT, slot as u64), (header::INCARNATION, u64::from(incarnation)), (header::MAGIC, magic())]
 }
 
 fn open(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError> {
@@ -228,6 +231,10 @@ impl ReadPage {
         let mapping = self.waiting.as_ref().unwrap_or(&self.mapping);
         system::wait_word(&mapping.words32()[index], expected, deadline_ns, as_one_of);
     }
+    /// Whether the header says what it said when the page was made for a slot's incarnation.
+    pub fn has_header(&self, slot: usize, incarnation: u32) -> bool {
+        lasting_words(slot, incarnation).into_iter().all(|(index, value)| self.load64(index) == value)
+    }
     /// State of the owner.
     pub fn state(&self) -> ProcessState {
         ProcessState::from_word(self.load32(header::STATE))
@@ -258,6 +265,22 @@ impl OwnedPage {
     /// Opens one whose header may be damaged, to mend it.
     pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
         open_any(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
+    }
+    /// Writes anew what the header of a life's page says for good and does not say now, so that newcomers can map it; true if that was anything.
+    pub fn mend_header(&self, slot: usize, incarnation: u32) -> bool {
+        let words = lasting_words(slot, incarnation).into_iter();
+        words.fold(false, |mended, (index, value)| self.mend_word(index, value) || mended)
+    }
+    /// The same of the magic alone: what comes after it in the pages of the station is other than in that of a life.
+    pub fn mend_magic(&self) -> bool {
+        self.mend_word(header::MAGIC, magic())
+    }
+    fn mend_word(&self, index: usize, value: u64) -> bool {
+        let damaged = self.load64(index) != value;
+        if damaged {
+            self.store64(index, value);
+        }
+        damaged
     }
     /// Holds the latch for as long as the calling thread lives; false where the system refuses. The page has to stay mapped as long.
     pub fn hold_latch(&self) -> bool {
