@@ -4,7 +4,7 @@
 
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{Links, Station};
-use rustix::process::{PidfdFlags, Signal};
+use rustix::process::{Signal, WaitOptions, waitpid};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Stdio;
@@ -107,18 +107,10 @@ fn start(station: &Station, is_real_time: bool) -> Option<u32> {
     child.ok().map(|child| child.id())
 }
 
+/// Whether the helper has ended, which this look reaps. It is a child of this process, so that nobody else has its id before; and no file is opened for it, or
+/// one that runs would be forgotten where none can be.
 fn is_over(pid: u32) -> bool {
-    let Some(process) = crate::proc::pid(pid) else {
-        return true;
-    };
-    let Ok(fd) = rustix::process::pidfd_open(process, PidfdFlags::empty()) else {
-        return true;
-    };
-    let over = crate::proc::has_ended(&fd);
-    if over {
-        crate::spawn::reap(pid);
-    }
-    over
+    crate::proc::pid(pid).is_none_or(|pid| !matches!(waitpid(Some(pid), WaitOptions::NOHANG), Ok(None)))
 }
 
 /// The helper itself.
@@ -132,6 +124,21 @@ pub fn clean(station: &Station) -> Result<(), hyst_exchange::LinkError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_helper_is_over_when_it_has_ended_and_is_reaped_by_the_look_that_finds_it() {
+        let mut helper = std::process::Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let pid = helper.id();
+        assert!(!is_over(pid), "it reads on");
+        drop(helper.stdin.take());
+        let deadline_ns = hyst_exchange::system::now_ns() + 20_000_000_000;
+        while !is_over(pid) {
+            assert!(hyst_exchange::system::now_ns() < deadline_ns, "it does not end");
+            std::thread::yield_now();
+        }
+        let status = waitpid(crate::proc::pid(pid), WaitOptions::NOHANG);
+        assert!(status.is_err() && is_over(pid), "it was not reaped");
+    }
 
     #[test]
     fn a_segment_without_a_size_is_removed_at_the_second_look_and_no_other() {

@@ -165,6 +165,23 @@ fn a_roster_with_nonsense_is_mended_and_said() {
 }
 
 #[test]
+fn a_page_whose_header_is_damaged_is_mended_and_said() {
+    let place = Place::new("headers");
+    let child = place.start(&[]);
+    place.wait_ready();
+    let (root, slot) = (station(&place), Slot::first(Role::Tissue));
+    let incarnation = root.open().unwrap().incarnation(slot);
+    root.own_slot(slot, incarnation).unwrap().store64(header::MAGIC, 1);
+    wait_said(&place, &format!("the page of {slot} had a damaged header"));
+    assert!(root.read_slot(slot, incarnation).is_ok());
+    root.open_for_keeping().unwrap().store64(header::MAGIC, 1);
+    wait_said(&place, "the station's page had a damaged header");
+    assert!(root.open().is_ok());
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+}
+
+#[test]
 fn a_state_that_kills_every_holder_ends_in_a_tissue_held_still_and_the_station_goes_on() {
     let place = Place::new("doomed");
     std::fs::write(place.folder.join("fake"), "doomed tissue\n").unwrap();

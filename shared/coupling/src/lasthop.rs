@@ -84,9 +84,10 @@ pub struct LastHopState {
 
 impl LastHopState {
     /// The state of a device process that starts anew while the hardware still applies `applied_n` (0 after its watchdog):
-    /// past the gate, force returns by the rise, no kick. An unusable force counts as zero.
+    /// past the gate, force returns by the rise, no kick. One that this station never asks for counts as zero: it is what the servos are told of and what is
+    /// booked as work on the hand.
     pub fn resumed(applied_n: [f32; 3]) -> Self {
-        let applied_n = if is_finite(applied_n) { applied_n } else { [0.0; 3] };
+        let applied_n = if is_valid(&LastHopParams::default(), applied_n) { applied_n } else { [0.0; 3] };
         Self { applied_n, engaged: 1, returning: 1, ..Self::default() }
     }
 
@@ -330,6 +331,15 @@ mod tests {
             }
             assert_eq!(state.applied_n, PRESS);
         }
+    }
+
+    /// A driver that said 1 MN once was told of to the servos, and with it so much work was booked that no force was applied for seconds.
+    #[test]
+    fn a_force_that_no_station_asks_for_is_none_to_go_on_from() {
+        for felt_n in [[0.0, 0.0, 3.4], [1e6, 0.0, 0.0], [f32::MAX; 3], [f32::INFINITY; 3], [f32::NAN; 3]] {
+            assert_eq!(LastHopState::resumed(felt_n), LastHopState::resumed([0.0; 3]), "{felt_n:?}");
+        }
+        assert_eq!(LastHopState::resumed([0.0, 0.0, 3.3]).applied_n, [0.0, 0.0, 3.3]);
     }
 
     #[test]

@@ -159,8 +159,22 @@ pub fn read_ring_at<T: Pod>(words: &[AtomicU64], at: RingAt<T>, key: u64) -> Opt
 }
 
 /// Key after the newest entry of a ring; 0 if none was written.
-pub fn ring_end<T>(words: &[AtomicU64], at: RingAt<T>) -> u64 {
-    words[at.word].load(Ordering::Acquire)
+pub fn ring_end<T: Pod>(words: &[AtomicU64], at: RingAt<T>) -> u64 {
+    end_of_ring(&words[at.word..at.end()], at.entries, RingAt::<T>::RECORD_WORDS)
+}
+
+/// The word that says the end has no checksum. So the entry that it names must have been written by then, which its writer does first; a reader that believed a
+/// later end would wait there for good. A word that is damaged is passed over, and the stamps of all entries are asked instead.
+fn end_of_ring<W: Word>(ring: &[W], entries: usize, record_words: usize) -> u64 {
+    let stamp_at = |key: u64| ring[1 + (key % entries as u64) as usize * (2 + record_words)].load(Ordering::Acquire);
+    let said = ring[0].load(Ordering::Acquire);
+    let Some(newest) = said.checked_sub(1) else { return 0 };
+    // Half of a stamp is the key after its entry; odd while it is written, of this key once more or of one a lap later.
+    if stamp_at(newest).div_ceil(2) >= said {
+        return said;
+    }
+    let ends = (0..entries as u64).map(stamp_at).filter(|stamp| stamp.is_multiple_of(2)).map(|stamp| stamp / 2);
+    ends.filter(|end| *end <= said).max().unwrap_or(0)
 }
 
 /// The words of a record, for a hash of it. `T` is a whole number of words.
@@ -235,6 +249,11 @@ mod tests {
                 assert_eq!(read_ring(&ring, 4, key, &mut record), Some(()), "killed after {killed_after} stores");
                 assert_eq!(record, [key, !key]);
             }
+            assert_eq!(
+                end_of_ring(&ring, 4, 2),
+                if killed_after == stores { 7 } else { 6 },
+                "killed after {killed_after} stores"
+            );
             // Its successor writes the entry again.
             write_ring(&ring, 4, 6, &[6, !6]);
             assert_eq!(read_ring(&ring, 4, 6, &mut record), Some(()));
@@ -294,6 +313,22 @@ mod tests {
                 assert_eq!(record, [key, !key]);
             }
         }
+    }
+
+    /// A reader that has gone on from a key far ahead reads nothing more of that ring.
+    #[test]
+    fn a_flipped_bit_in_the_end_of_a_ring_leads_nobody_beyond_its_newest_entry() {
+        let ring = words(1 + 4 * (2 + 2));
+        assert_eq!(end_of_ring(&ring, 4, 2), 0);
+        (0..10).for_each(|key| write_ring(&ring, 4, key, &[key, !key]));
+        assert_eq!(end_of_ring(&ring, 4, 2), 10);
+        for bit in 0..64 {
+            let said = 10u64 ^ 1 << bit;
+            ring[0].store(said, Ordering::Relaxed);
+            assert_eq!(end_of_ring(&ring, 4, 2), said.min(10), "bit {bit}");
+        }
+        write_ring(&ring, 4, 10, &[10, !10]);
+        assert_eq!(end_of_ring(&ring, 4, 2), 11, "its writer has written the word anew");
     }
 
     mod model {

@@ -141,10 +141,13 @@ pub fn create(path: &Path, words: usize, slot: usize, incarnation: u32) -> Resul
         }
     };
     let page = OwnedPage { mapping };
-    page.store64(header::SLOT, slot as u64);
-    page.store64(header::INCARNATION, incarnation as u64);
-    page.store64(header::MAGIC, magic());
+    page.mend_header(slot, incarnation);
     Ok(page)
+}
+
+/// The words of a header that never change, and what they say: whose page it is, of which life, and last that it is ready.
+fn lasting_words(slot: usize, incarnation: u32) -> [(usize, u64); 3] {
+    [(header::SLOT, slot as u64), (header::INCARNATION, u64::from(incarnation)), (header::MAGIC, magic())]
 }
 
 fn open(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError> {
@@ -216,7 +219,7 @@ impl ReadPage {
         cell::read_ring_at(self.mapping.words64(), at, key)
     }
     /// Key after the newest entry of a ring.
-    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+    pub fn ring_end<T: Pod>(&self, at: RingAt<T>) -> u64 {
         cell::ring_end(self.mapping.words64(), at)
     }
     /// Waits until a 32-bit word differs from `expected` or the deadline has passed; may return early.
@@ -227,6 +230,10 @@ impl ReadPage {
     pub fn wait_as(&self, index: usize, expected: u32, deadline_ns: u64, as_one_of: NonZeroU32) {
         let mapping = self.waiting.as_ref().unwrap_or(&self.mapping);
         system::wait_word(&mapping.words32()[index], expected, deadline_ns, as_one_of);
+    }
+    /// Whether the header says what it said when the page was made for a slot's incarnation.
+    pub fn has_header(&self, slot: usize, incarnation: u32) -> bool {
+        lasting_words(slot, incarnation).into_iter().all(|(index, value)| self.load64(index) == value)
     }
     /// State of the owner.
     pub fn state(&self) -> ProcessState {
@@ -258,6 +265,22 @@ impl OwnedPage {
     /// Opens one whose header may be damaged, to mend it.
     pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
         open_any(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
+    }
+    /// Writes anew what the header of a life's page says for good and does not say now, so that newcomers can map it; true if that was anything.
+    pub fn mend_header(&self, slot: usize, incarnation: u32) -> bool {
+        let words = lasting_words(slot, incarnation).into_iter();
+        words.fold(false, |mended, (index, value)| self.mend_word(index, value) || mended)
+    }
+    /// The same of the magic alone: what comes after it in the pages of the station is other than in that of a life.
+    pub fn mend_magic(&self) -> bool {
+        self.mend_word(header::MAGIC, magic())
+    }
+    fn mend_word(&self, index: usize, value: u64) -> bool {
+        let damaged = self.load64(index) != value;
+        if damaged {
+            self.store64(index, value);
+        }
+        damaged
     }
     /// Holds the latch for as long as the calling thread lives; false where the system refuses. The page has to stay mapped as long.
     pub fn hold_latch(&self) -> bool {
@@ -323,7 +346,7 @@ impl OwnedPage {
         cell::read_ring_at(self.mapping.words64(), at, key)
     }
     /// Key after the newest entry of a ring of the own page.
-    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+    pub fn ring_end<T: Pod>(&self, at: RingAt<T>) -> u64 {
         cell::ring_end(self.mapping.words64(), at)
     }
     /// Waits until a 32-bit word of the own page differs from `expected` or the deadline has passed; may return early.

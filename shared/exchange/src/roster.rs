@@ -1,11 +1,11 @@
 //! The roster: which incarnation holds each role, and in which epoch. Written by promotion alone, one compare-and-swap with one
 //! winner; read by everyone. A higher epoch fences a lower one, without co-operation of whom it fences.
 
-use crate::page::{OwnedPage, magic};
+use crate::page::OwnedPage;
 use crate::station::{Station, StationError, StationPage};
 use crate::succession;
 use hyst_messages::Role;
-use hyst_messages::page::{header, roster as layout};
+use hyst_messages::page::roster as layout;
 use std::cell::Cell;
 
 /// Epochs of a station: one promotion in each millisecond for three weeks.
@@ -79,11 +79,7 @@ impl Roster {
     }
     /// Writes the page's magic again if it was damaged, so that newcomers can map it; true if it was.
     pub fn mend_header(&self) -> bool {
-        let damaged = self.page.load64(header::MAGIC) != magic();
-        if damaged {
-            self.page.store64(header::MAGIC, magic());
-        }
-        damaged
+        self.page.mend_magic()
     }
     /// Takes the role from `from`, whom the caller saw hold it. One of several callers wins; the others get the winner.
     pub fn promote(&self, role: Role, from: Tenure, incarnation: u32) -> Result<Tenure, Tenure> {
@@ -131,6 +127,7 @@ impl Horizon {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::page::header;
 
     #[test]
     fn a_state_is_bounded_by_the_highest_epoch_that_was_won_whatever_the_roster_says_later() {

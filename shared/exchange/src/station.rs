@@ -220,6 +220,12 @@ impl Station {
     pub fn own_slot(&self, slot: Slot, incarnation: u32) -> Result<OwnedPage, PageError> {
         OwnedPage::open(&self.slot_page(slot, incarnation), words_of(slot.role()))
     }
+    /// Mends the header of the page of an incarnation that lives; true if it was damaged. The supervisor's work: a newcomer can map no page with a damaged
+    /// header, and its owner, who has mapped it, does not look at that again.
+    pub fn mend_slot(&self, slot: Slot, incarnation: u32) -> Result<bool, PageError> {
+        let page = OwnedPage::open_damaged(&self.slot_page(slot, incarnation), words_of(slot.role()))?;
+        Ok(page.mend_header(slot.number(), incarnation))
+    }
     /// Makes the page of a new incarnation.
     pub fn create_slot(&self, slot: Slot, incarnation: u32) -> Result<OwnedPage, PageError> {
         page::create(&self.slot_page(slot, incarnation), words_of(slot.role()), slot.number(), incarnation)
@@ -340,6 +346,32 @@ mod tests {
         for bad in ["", "A", "a/b", "a b", "..", &"x".repeat(25), "ä"] {
             assert!(matches!(Station::named(bad), Err(StationError::Name(_))), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_page_whose_header_was_damaged_is_mended_so_that_newcomers_can_map_it() {
+        use hyst_messages::page::header;
+        let station = Station::named(&format!("t{}-headers", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = Slot::first(Role::Device);
+        let own = station.create_slot(slot, 7).unwrap();
+        let mapped = station.read_slot(slot, 7).unwrap();
+        assert!(mapped.has_header(slot.number(), 7) && !station.mend_slot(slot, 7).unwrap());
+        for word in [header::MAGIC, header::SLOT, header::INCARNATION] {
+            own.store64(word, own.load64(word) ^ 1 << 9);
+            assert!(!mapped.has_header(slot.number(), 7));
+            assert_eq!(station.read_slot(slot, 7).is_err(), word == header::MAGIC);
+            assert!(station.mend_slot(slot, 7).unwrap() && mapped.has_header(slot.number(), 7));
+            assert_eq!(station.read_slot(slot, 7).unwrap().incarnation(), 7);
+        }
+        assert!(station.mend_slot(slot, 8).is_err(), "nobody was born as that");
+        let kept = station.open_for_keeping().unwrap();
+        let t0_ns = kept.load64(layout::T0_NS);
+        kept.store64(header::MAGIC, 7);
+        assert!(station.open().is_err() && kept.mend_magic() && !kept.mend_magic());
+        assert_eq!(station.open().unwrap().t0_ns(), t0_ns);
+        station.wipe();
     }
 
     #[test]

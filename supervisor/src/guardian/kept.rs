@@ -1,7 +1,7 @@
 //! The supervisor, as its guardian keeps it: started again when it died, ended when it hangs, and given up when it dies at each start.
 
 use super::LOOK_NS;
-use crate::journal::{self, Verdict};
+use crate::journal::{self, Seldom, Verdict};
 use crate::remains::{self, Living};
 use hyst_engine::Silence;
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
@@ -30,13 +30,15 @@ pub(super) struct Kept {
     condemned: u32,
     next_start_ns: u64,
     silence: Silence,
+    said_of_header: Seldom,
 }
 
 impl Kept {
     /// Whoever lives already.
     pub(super) fn new(station: &Station) -> Kept {
         let silence = Silence::new(system::now_ns(), 2 * LOOK_NS);
-        Kept { supervisor: living(station), starts: 0, condemned: 0, next_start_ns: 0, silence }
+        let said_of_header = Seldom::default();
+        Kept { supervisor: living(station), starts: 0, condemned: 0, next_start_ns: 0, silence, said_of_header }
     }
 
     /// The dead children were reaped: the supervisor may be one of them.
@@ -51,6 +53,10 @@ impl Kept {
 
     /// Starts the supervisor if there is none, and ends one that hangs. False when it cannot be kept alive.
     pub(super) fn keep(&mut self, station: &Station, page: &OwnedPage, now_ns: u64) -> bool {
+        if page.mend_magic() {
+            // Neither a supervisor nor an engine could begin.
+            self.said_of_header.say(station, now_ns, "the station's page had a damaged header, which was mended");
+        }
         let beat_ns = page.load64(layout::SUPERVISOR_NS);
         self.silence.look(now_ns, beat_ns);
         if let Some(supervisor) = &self.supervisor {

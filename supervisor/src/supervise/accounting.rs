@@ -16,6 +16,7 @@ impl Supervisor {
         match after {
             None => self.sample_and_measure(now_ns, self.slots[part]),
             Some(0) => {
+                self.mend_headers(now_ns);
                 self.heed_states(now_ns);
                 self.heed_recorder(now_ns);
             }

@@ -1,4 +1,4 @@
-//! The roles with a state: who holds them, a roster that was damaged, the ground that founders start from, and handing a role over.
+//! The roles with a state: who holds them, a roster or a page's header that was damaged, the ground that founders start from, and handing a role over.
 
 use super::Supervisor;
 use crate::journal::{self, Seldom};
@@ -67,6 +67,24 @@ impl Supervisor {
             }
             let actions = policy::step(now_ns, Event::Holds { role, incarnation: tenure.incarnation }, &mut self.policy);
             self.act(actions);
+        }
+    }
+
+    /// Mends the headers of the station's page and of the pages of those who live: who has mapped one goes on, but no successor of anybody could begin, or be
+    /// connected with them.
+    pub(super) fn mend_headers(&mut self, now_ns: u64) {
+        if self.page.mend_magic() {
+            let text = "the station's page had a damaged header, which was mended";
+            self.holders.said_of_header.say(&self.station, now_ns, text);
+        }
+        for slot in self.slots.clone() {
+            let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
+            let is_damaged = self.viewer.slot_page(slot).is_some_and(|page| !page.has_header(slot.number(), incarnation));
+            // One that is gone meanwhile has no page.
+            if !dead && is_damaged && matches!(self.station.mend_slot(slot, incarnation), Ok(true)) {
+                let text = format!("the page of {slot} had a damaged header, which was mended");
+                self.holders.said_of_header.say(&self.station, now_ns, &text);
+            }
         }
     }
 

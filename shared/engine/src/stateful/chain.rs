@@ -122,10 +122,10 @@ impl Chain {
             };
             let header = *message.header();
             if header.is_shadow() {
-                // The guest's own is the judge's to read; the elders' is the line.
-                let grows = self.line.as_ref().is_some_and(|line| header.tick > line.tick);
-                if grows && header.incarnation != self.guest && accepts(held.bytes(), other.is_none()) {
-                    self.line = Some(Line { held, tick: header.tick, epoch: header.epoch, writer: header.incarnation });
+                let accepts = |state: &[u8]| accepts(state, other.is_none());
+                if !extend_line(&mut self.line, self.guest, held, header, &fence, accepts) {
+                    refused.invalid += 1;
+                    blamed(Distrust::Invalid);
                 }
                 continue;
             }
@@ -211,6 +211,26 @@ impl Chain {
     pub fn key(&self) -> (u32, u64) {
         self.key
     }
+}
+
+/// Goes on with the line by a state that an elder has computed beside the role, if it grows by it; the guest's own is the judge's to read. False for one of a
+/// tick that is far from being there: a line that took it would grow no more, and whoever takes the role back would go on from an old state.
+fn extend_line(
+    line: &mut Option<Line>,
+    guest: u32,
+    held: Held,
+    header: StreamHeader,
+    fence: &Fence,
+    accepts: impl Fn(&[u8]) -> bool,
+) -> bool {
+    let grows = header.incarnation != guest && line.as_ref().is_some_and(|line| header.tick > line.tick);
+    if grows && (fence.is_ahead)((header.epoch, header.tick)) {
+        return false;
+    }
+    if grows && accepts(held.bytes()) {
+        *line = Some(Line { held, tick: header.tick, epoch: header.epoch, writer: header.incarnation });
+    }
+    true
 }
 
 #[cfg(test)]
@@ -327,6 +347,28 @@ mod tests {
                 assert_eq!((refused.invalid, blamed.get()), if is_honest { (0, None) } else { (1, Some(Distrust::Invalid)) });
                 assert_eq!(chain.key() == (1, tick), is_honest, "{tick}");
             }
+        });
+    }
+
+    /// The same of what an elder computes beside a newcomer on trial: the line took it, and grew no more.
+    #[test]
+    fn a_state_beside_the_role_that_is_ahead_of_its_time_does_not_end_the_line() {
+        const BESIDE: u32 = hyst_messages::tolerance::SHADOW_EPOCH;
+        on_a_chain(1, |chain, inbox, writers| {
+            chain.expect_guest(2);
+            let mut line_after = |incarnation: u32, tick: u64, epoch: u32| {
+                send(&writers[incarnation as usize - 1], tick, epoch, incarnation);
+                let is_ahead = |key| hyst_exchange::succession::is_ahead(key, 2, ROUNDS, 1);
+                let fence = Fence { holder: Tenure { epoch: 2, incarnation: 2 }, is_ahead: &is_ahead };
+                let refused = chain.receive(KIND, inbox, fence, |_, _| true, |_, _| {}, |_| true);
+                (refused.invalid, chain.line().map(|line| line.tick))
+            };
+            assert_eq!(line_after(1, 1, 1), (0, None), "the role's state before the trial");
+            assert_eq!(line_after(2, 2, 2), (0, Some(1)), "the newcomer has the role");
+            assert_eq!(line_after(1, 2, BESIDE), (0, Some(2)));
+            assert_eq!(line_after(1, 3 + (1 << 40), BESIDE), (1, Some(2)));
+            assert_eq!(line_after(1, 3, BESIDE), (0, Some(3)), "and the line goes on");
+            assert_eq!(line_after(2, 4, BESIDE), (0, Some(3)), "the newcomer's own is the judge's");
         });
     }
 }
