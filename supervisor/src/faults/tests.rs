@@ -5,7 +5,7 @@ use hyst_messages::page::station as layout;
 use hyst_messages::{Applied, LedgerEntry};
 
 /// A station of a test, which leaves nothing however that ends.
-pub(super) struct Wiped(Station);
+pub(crate) struct Wiped(Station);
 
 impl std::ops::Deref for Wiped {
     type Target = Station;
@@ -22,7 +22,7 @@ impl Drop for Wiped {
 }
 
 /// A station that was just founded, and its book of faults.
-pub(super) fn book(name: &str) -> (Wiped, Faults) {
+pub(crate) fn book(name: &str) -> (Wiped, Faults) {
     let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
     station.wipe();
     station.found().unwrap();

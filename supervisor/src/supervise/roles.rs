@@ -77,6 +77,10 @@ impl Supervisor {
             let text = "the station's page had a damaged header, which was mended";
             self.holders.said_of_header.say(&self.station, now_ns, text);
         }
+        for slot in self.spawner.mend_seats() {
+            let text = format!("the station's page did not say any more who {slot} is, and was mended");
+            self.holders.said_of_header.say(&self.station, now_ns, &text);
+        }
         for slot in self.slots.clone() {
             let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
             let is_damaged = self.viewer.slot_page(slot).is_some_and(|page| !page.has_header(slot.number(), incarnation));
