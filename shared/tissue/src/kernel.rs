@@ -189,7 +189,7 @@ pub(crate) fn element_forces<S: Lanes, N: Nodes + ?Sized>(
     }
 }
 
-/// The elastic forces on the four corners of one half block.
+/// The elastic forces on the four corners of one half block. Factors and pressure have the opposite sign, so that the nine sums come with that of the forces.
 #[inline(always)]
 fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3], half: usize) -> [V3<S>; 4] {
     let three = F::splat(simd, 3.0);
@@ -206,14 +206,14 @@ fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3]
         }
     }
     let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
-    let pressure = (lambda * (trace - three)).min(two_mu) - two_mu;
-    let factor = F::load(simd, &frame.turned, half);
+    let pressure = two_mu - (lambda * (trace - three)).min(two_mu);
+    let factor = -F::load(simd, &frame.turned, half);
     for i in 0..3 {
         for j in 0..3 {
             turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
         }
     }
-    let straight = F::load(simd, &frame.straight, half);
+    let straight = -F::load(simd, &frame.straight, half);
     let metric = &block.metric;
     let mut forces = [[three; 3]; 4];
     for k in 0..3 {
@@ -222,8 +222,7 @@ fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3]
             let [a, b, c] = METRIC_COLUMNS[j];
             let turn = q[k][0].fma(turned[0][j], q[k][1].fma(turned[1][j], q[k][2] * turned[2][j]));
             let last = d[2].fma(F::load(simd, &metric[c], half), turn);
-            let sum = d[0].fma(F::load(simd, &metric[a], half), d[1].fma(F::load(simd, &metric[b], half), last));
-            forces[j + 1][k] = -sum;
+            forces[j + 1][k] = d[0].fma(F::load(simd, &metric[a], half), d[1].fma(F::load(simd, &metric[b], half), last));
         }
         forces[0][k] = -(forces[1][k] + forces[2][k] + forces[3][k]);
     }
