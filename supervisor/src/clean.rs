@@ -126,6 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[expect(clippy::zombie_processes, reason = "the look that finds it over reaps it")]
     fn a_helper_is_over_when_it_has_ended_and_is_reaped_by_the_look_that_finds_it() {
         let mut helper = std::process::Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         let pid = helper.id();

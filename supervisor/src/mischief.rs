@@ -2,7 +2,7 @@
 
 use crate::faultfile::{FaultKind, Helper, Injection, Output, default_rate};
 use crate::view::Viewer;
-use hyst_exchange::{OwnedPage, ReadPage};
+use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::mischief::{Mischief, Outlet, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
@@ -97,12 +97,14 @@ pub fn charges(viewer: &mut Viewer) -> (Vec<Charge>, Vec<(Charge, Thread)>) {
     (of_others, of_themselves)
 }
 
+/// What a page says of others. A time that is not yet is of bytes that flipped, and nobody is found by them.
 fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {
     let entry = move |index: usize| {
         let at = header::distrusted(index);
         let word = page.load64(at);
         let (since_ns, last_ns) = (page.load64(at + 1), page.load64(at + 2));
-        (word != 0).then_some(Charge { by, incarnation: word as u32, why: word >> 32, since_ns, last_ns })
+        let can_be = word != 0 && since_ns.max(last_ns) <= system::now_ns();
+        can_be.then_some(Charge { by, incarnation: word as u32, why: word >> 32, since_ns, last_ns })
     };
     (0..header::DISTRUSTED_ENTRIES).filter_map(entry)
 }
@@ -125,6 +127,7 @@ pub fn first_after(charges: &[Charge], kind: &str, incarnation: u32, after_ns: u
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::tests::{begin, book};
     use hyst_messages::Role;
 
     #[test]
@@ -141,5 +144,27 @@ mod tests {
             let told = Some((2_000, device));
             assert_eq!(found(&charges), [told, told, late, late]);
         }
+    }
+
+    /// A campaign of flipped bytes said of three faults that they were found after 300 000 years.
+    #[test]
+    fn nobody_is_found_by_a_time_that_is_not_yet() {
+        let (station, _faults) = book("charges");
+        let page = station.open_for_keeping().unwrap();
+        let (device, at) = (Slot::first(Role::Device), header::distrusted(0));
+        let own = begin(&station, &page, device, 7);
+        let mut viewer = Viewer::open(&station).unwrap();
+        let mut counted = |since_ns: u64, last_ns: u64| {
+            own.store64(at, u64::from(8u32) | (Distrust::Invalid as u64) << 32);
+            own.store64(at + 1, since_ns);
+            own.store64(at + 2, last_ns);
+            charges(&mut viewer).0.len()
+        };
+        let now_ns = system::now_ns();
+        let ahead_ns = now_ns | 1 << 62;
+        assert_eq!(
+            [(now_ns, now_ns), (ahead_ns, now_ns), (now_ns, ahead_ns)].map(|(since, last)| counted(since, last)),
+            [1, 0, 0]
+        );
     }
 }

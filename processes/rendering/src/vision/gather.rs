@@ -112,7 +112,8 @@ impl Vision<'_> {
         }
         match sources.looks.poll(system::now_ns()) {
             Some(Ok((scope, records))) => {
-                if spared(self.scenery.dress(self.renderer.stage(), scope, &records))?.is_none() {
+                let dressed = spared(self.scenery.dress(self.renderer.stage(), scope, &records))?;
+                if dressed.is_none() {
                     self.life.page.add64(header::INVALID, 1);
                 }
             }

@@ -112,7 +112,7 @@ fn drivers(machine: &Machine) -> (Vec<String>, Vec<String>) {
 }
 
 /// The files and folders that the loader is told to look at instead of its own.
-fn asked(machine: &Machine) -> Option<&str> {
+fn asked<'m>(machine: &'m Machine) -> Option<&'m str> {
     machine.variable("VK_DRIVER_FILES").or_else(|| machine.variable("VK_ICD_FILENAMES"))
 }
 
