@@ -2,6 +2,7 @@
 //! `hystation clean`, at most one at a time. It takes 4 to 30 ms for each of the dead and has been seen to hang, so it is never done
 //! by the supervisor itself.
 
+use crate::limits::Limits;
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{Links, Station};
 use rustix::process::{Signal, WaitOptions, waitpid};
@@ -104,7 +105,11 @@ fn start(station: &Station, is_real_time: bool) -> Option<u32> {
     // Not behind ordinary ones: what it does not clean up fills the lists that newborns connect by.
     let child =
         if is_real_time { crate::proc::start_at(PRIORITY, &mut command) } else { crate::proc::start(&mut command, false) };
-    child.ok().map(|child| child.id())
+    let pid = child.ok()?.id();
+    if let Some(limits) = Limits::of(station) {
+        limits.give(pid);
+    }
+    Some(pid)
 }
 
 /// Whether the helper has ended, which this look reaps. It is a child of this process, so that nobody else has its id before; and no file is opened for it, or

@@ -260,8 +260,13 @@ impl Spawner {
     }
 
     /// Says that the slot's incarnation is dead, if it is still the one in the slot.
-    pub fn mark_dead(&self, slot: Slot, incarnation: u32) {
+    pub fn mark_dead(&mut self, slot: Slot, incarnation: u32) {
         let at = slot.number();
+        // By a word that has flipped it would be nobody's death; and who is dead is not said to live again.
+        if let Some(seat) = self.seats.get(&slot).copied().filter(|seat| seat.incarnation == incarnation) {
+            seat.mend(&self.page, slot);
+            self.seats.remove(&slot);
+        }
         if self.page.load32(layout::SLOT_INCARNATION + at) == incarnation && self.page.load32(layout::SLOT_DEAD + at) == 0 {
             self.page.store32(layout::SLOT_DEAD + at, 1);
             self.page.bump_and_wake(layout::CHANGES);

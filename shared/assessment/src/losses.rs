@@ -1,6 +1,7 @@
 //! What of a session cost most of its score: what whoever reads a report is to work on first.
 
 use crate::metric::{Metric, Scores};
+use crate::table::OF_THE_TASK;
 
 /// Most that are named: who is told of more remembers none.
 const MOST: usize = 5;
@@ -14,6 +15,14 @@ pub(crate) struct Loss<'a> {
     pub metric: &'a Metric,
     /// What it takes from the mean of all scores, of a hundred.
     pub points: f64,
+}
+
+impl Loss<'_> {
+    /// Why it cost anything though its value may be as good as can be: nothing where all goals were done, or its score does not ask for them.
+    pub(crate) fn of_goals(&self, done: f64) -> String {
+        let asks = done < 1.0 && OF_THE_TASK.contains(&self.metric.definition.key);
+        if asks { format!(", × {done:.2} for the goals") } else { String::new() }
+    }
 }
 
 /// The metrics that cost most of the mean of all scores, the dearest first, and of two that cost the same the one that stands first in the table. All losses
@@ -46,5 +55,18 @@ mod tests {
         assert_eq!(told, [("force_p95", 29), ("force_above_limit", 29), ("touching", 14), ("force_peak", 12)]);
         let lacks = 100.0 - scores.total.unwrap();
         assert!((losses.iter().map(|loss| loss.points).sum::<f64>() - lacks).abs() < 1e-9, "{losses:?}");
+        assert!(losses.iter().all(|loss| loss.of_goals(0.5).is_empty()), "none of them is good only where the task is done");
+    }
+
+    /// A way of nothing at all "cost" half of its score, and nothing said why.
+    #[test]
+    fn what_is_good_only_where_the_task_is_done_says_how_much_of_it_was() {
+        let scores = scores(&Measured::default());
+        let of = |key: &str| scores.metrics.iter().find(|metric| metric.definition.key == key).unwrap();
+        let said = |key: &str, done: f64| Loss { metric: of(key), points: 1.0 }.of_goals(done);
+        assert_eq!(
+            [("path", 0.5), ("path", 1.0), ("force_peak", 0.5)].map(|(key, done)| said(key, done)),
+            [", × 0.50 for the goals", "", ""]
+        );
     }
 }

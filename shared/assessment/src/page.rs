@@ -113,8 +113,9 @@ fn tiles(page: &mut String, sessions: &Sessions) {
     }
     page.push_str(
         "</div>\n<p class=\"note\">A score is 100 % where a value is good enough and 0 % where it is not good at all; between the two it goes with the \
-         value. The table below has both values of each, and its bars are green from 67 % on and red below 34 %. A group is the mean of its scores, each \
-         by its weight; a dash means that there is nothing to score.</p>\n",
+         value. Those of time, path, economy and camera are then multiplied by the share of the goals that was done. The table below has both \
+         values of each, and its bars are green from 67 % on and red below 34 %. A group is the mean of its scores, each by its weight; a dash \
+         means that there is nothing to score.</p>\n",
     );
 }
 
@@ -137,7 +138,8 @@ fn dearest(page: &mut String, column: &Column) {
     page.push_str("<section><h2>What cost most</h2>\n<ul>\n");
     for loss in losses {
         let (definition, value) = (loss.metric.definition, valued(loss.metric));
-        let full = loss.metric.scale.map_or_else(String::new, |scale| format!(" (100 % at {})", scale.full));
+        let goals = loss.of_goals(column.scores.done);
+        let full = loss.metric.scale.map_or_else(String::new, |scale| format!(" (100 % at {}{goals})", scale.full));
         let (name, unit, group) = (escape(definition.name), definition.unit, definition.group.name());
         let _ = writeln!(page, "<li><b>{:.1} of 100</b>: {name}, {value} {unit}{full}; {group}</li>", loss.points);
     }

@@ -86,7 +86,8 @@ fn dearest(text: &mut String, column: &Column) {
     let losses = losses(&column.scores);
     let line = |loss: &Loss<'_>| {
         let (definition, value) = (loss.metric.definition, valued(loss.metric));
-        format!("{:<44}{value:>10} {:<7}{:>7.1}", definition.name, definition.unit, loss.points)
+        let goals = loss.of_goals(column.scores.done);
+        format!("{:<44}{value:>10} {:<7}{:>7.1}{goals}", definition.name, definition.unit, loss.points)
     };
     let lines: Vec<String> = losses.iter().map(line).collect();
     list(text, "\nWhat cost most, of 100", &lines);

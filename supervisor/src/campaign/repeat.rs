@@ -11,7 +11,6 @@ use super::runner::Runner;
 use super::say;
 use super::store::Store;
 use crate::settings::Refusal;
-use crate::warn;
 use hyst_messages::TICK_NS;
 use serde_json::json;
 
@@ -36,8 +35,7 @@ impl Runner<'_> {
         let cell = self.campaign.cell(&entry.cell);
         let (Some(outcome), Some(cell)) = (found, cell) else {
             let why = if station.trouble.is_empty() { "interrupted" } else { &station.trouble };
-            warn(&format!("fault {index} was not injected: {why}"));
-            return Ok(3);
+            return Err(Refusal { code: 3, message: format!("fault {index} was not injected: {why}") });
         };
         let judgement =
             judge(&unbound(self.campaign, cell), self.plan, std::slice::from_ref(&outcome), std::slice::from_ref(&station), None);

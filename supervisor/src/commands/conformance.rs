@@ -3,8 +3,8 @@
 //! back; its steps are looked at, and whether it does wrong when it is asked to; then that station is stopped, how it ends with it is looked at, and what is left
 //! of it is counted.
 //!
-//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in, or
-//! this command was interrupted.
+//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in, or it
+//! was interrupted before that station began.
 
 mod driver;
 mod own;

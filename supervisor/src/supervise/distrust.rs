@@ -41,8 +41,8 @@ impl Supervisor {
                 self.heed_newcomer(&charge, is_grave, now_ns);
                 continue;
             }
-            // Nobody knows yet what one is worth that a swap has brought: one that refuses all that it reads would have the old ones replaced. Who stands
-            // beside it reads the same, and what it refuses itself it does not use.
+            // Nobody knows yet what one is worth that a swap has brought: one that refuses all that it reads would have the old ones replaced. What it
+            // refuses it does not use; who stands beside it reads the same, and a device, beside whom nobody does, follows the other servo meanwhile.
             if self.is_unproven(charge.by) {
                 continue;
             }

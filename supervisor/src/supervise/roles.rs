@@ -83,7 +83,8 @@ impl Supervisor {
         }
         for slot in self.slots.clone() {
             let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
-            let is_damaged = self.viewer.slot_page(slot).is_some_and(|page| !page.has_header(slot.number(), incarnation));
+            // One that cannot be mapped may be damaged, too.
+            let is_damaged = self.viewer.slot_page(slot).is_none_or(|page| !page.has_header(slot.number(), incarnation));
             // One that is gone meanwhile has no page.
             if !dead && is_damaged && matches!(self.station.mend_slot(slot, incarnation), Ok(true)) {
                 let text = format!("the page of {slot} had a damaged header, which was mended");

@@ -232,7 +232,7 @@ fn assert_a_swap_is_asked_for_twice(browser: &mut Browser) {
     let told = browser.evaluate(SWAP).expect("what comes of a swap");
     let said = |binary: &str| {
         let cost = "The hand feels it: for some 10 ms nobody commands the motors.";
-        format!("device is to be replaced by {binary}. {cost} If that is meant, press Swap once more.")
+        format!("device is to be replaced by {binary}. {cost} If that is meant, press Swap once more within ten seconds.")
     };
     assert_eq!(told["told"], json!([[0, said("/a")], [0, said("/b")], [0, said("/b")], [1, "…"]]));
     assert_eq!(told["posted"], json!([["/swap", "{\"role\":\"device\",\"binary\":\"/b\"}"]]));

@@ -154,9 +154,8 @@ impl Vision<'_> {
             }
         };
         // What was uploaded is no state of anybody.
-        if spared(uploaded)?.is_none() {
+        if spared(uploaded)?.is_none() && self.flow.take().is_some() {
             self.life.page.add64(header::INVALID, 1);
-            self.flow = None;
         }
         Ok(())
     }

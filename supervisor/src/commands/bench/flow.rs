@@ -40,7 +40,8 @@ pub fn flow(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     let status = status.ok_or_else(|| program::endless("bench flow: the Flow Engine's own benchmark", program::MOST_NS))?;
     let (code, rows) = (status.code().unwrap_or(1), said.text());
     if code > 1 {
-        return Ok(code.clamp(1, 255) as u8);
+        let message = "bench flow: the Flow Engine's own benchmark failed; what it said is above".into();
+        return Err(Refusal { code: code.clamp(1, 255) as u8, message });
     }
     if !json {
         print!("{rows}");
