@@ -2,7 +2,7 @@
 //! `hystation clean`, at most one at a time. It takes 4 to 30 ms for each of the dead and has been seen to hang, so it is never done
 //! by the supervisor itself.
 
-use crate::limits::Limits;
+use crate::spawn::start_as_begun;
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{Links, Station};
 use rustix::process::{Signal, WaitOptions, waitpid};
@@ -103,13 +103,7 @@ fn start(station: &Station, is_real_time: bool) -> Option<u32> {
     command.args(["clean", "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     // Not behind ordinary ones: what it does not clean up fills the lists that newborns connect by.
-    let child =
-        if is_real_time { crate::proc::start_at(PRIORITY, &mut command) } else { crate::proc::start(&mut command, false) };
-    let pid = child.ok()?.id();
-    if let Some(limits) = Limits::of(station) {
-        limits.give(pid);
-    }
-    Some(pid)
+    start_as_begun(station, &mut command, is_real_time.then_some(PRIORITY)).ok().map(|child| child.id())
 }
 
 /// Whether the helper has ended, which this look reaps. It is a child of this process, so that nobody else has its id before; and no file is opened for it, or

@@ -49,6 +49,7 @@ impl Limits {
 mod tests {
     use super::*;
     use crate::faultfile::FaultKind;
+    use crate::faults::tests::book;
     use crate::shortage;
 
     fn said(process: &str) -> Vec<String> {
@@ -78,13 +79,10 @@ mod tests {
 
     #[test]
     fn a_station_keeps_those_that_it_began_with() {
-        let station = Station::named(&format!("t{}-limits", std::process::id())).unwrap();
-        station.wipe();
+        let (station, _faults) = book("limits");
         assert_eq!(Limits::of(&station), None);
-        station.found().unwrap();
         let begun = Limits { files: Some(77), memory: None };
         std::fs::write(Limits::path(&station), begun.text()).unwrap();
         assert_eq!(Limits::of(&station), Some(begun));
-        station.wipe();
     }
 }

@@ -304,7 +304,7 @@ fn copies(accounts: &Accounts, status: &Statuses) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::faults::tests::begin;
+    use crate::faults::tests::{begin, book};
     use crate::ledger::{Tick, Window};
     use hyst_exchange::{OwnedPage, Roster};
     use hyst_messages::{FluidStatus, TissueStatus};
@@ -330,9 +330,7 @@ mod tests {
     /// A report of a station that ended in the midst of a swap had what the engines of before said: the guest, who had the role, was not asked.
     #[test]
     fn a_guest_is_heard_while_it_has_the_role_and_not_before_or_after() {
-        let station = Station::named(&format!("t{}-report-guest", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
+        let (station, _faults) = book("report-guest");
         let (page, roster) = (station.open_for_keeping().unwrap(), Roster::open(&station).unwrap());
         let slots = |role: Role| [Slot::first(role), Slot::guest(role).unwrap()];
         let tissues = slots(Role::Tissue).into_iter().zip([5, 6]).map(|(slot, life)| begin(&station, &page, slot, life));
@@ -355,7 +353,6 @@ mod tests {
             Role::STATEFUL.into_iter().zip(lives).for_each(|(role, life)| assert_eq!(hand_on(role, life).incarnation, life));
             seen.push(told());
         }
-        station.wipe();
         assert_eq!(seen, [(40, 40.0), (60, 60.0), (40, 40.0)]);
     }
 

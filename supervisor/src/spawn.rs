@@ -20,7 +20,7 @@ use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
 use std::collections::BTreeMap;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 
 /// Why an incarnation could not be started.
@@ -64,14 +64,19 @@ pub fn start_own(station: &Station, subcommand: &str, role: Role, priority: Opti
     let mut command = proc::own_program();
     command.args([subcommand, "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
+    start_as_begun(station, &mut command, priority).map(|child| child.id())
+}
+
+/// Starts a process with the limits that the station began with; with a priority it is real time from the beginning.
+pub fn start_as_begun(station: &Station, command: &mut Command, priority: Option<i32>) -> std::io::Result<Child> {
     let child = match priority {
-        Some(priority) => proc::start_at(priority, &mut command)?,
-        None => proc::start(&mut command, false)?,
+        Some(priority) => proc::start_at(priority, command)?,
+        None => proc::start(command, false)?,
     };
     if let Some(limits) = Limits::of(station) {
         limits.give(child.id());
     }
-    Ok(child.id())
+    Ok(child)
 }
 
 /// How often the guardian is asked again how a process ended that it has reaped and not told of yet, and the time between, ns.

@@ -35,9 +35,13 @@ pub fn agreed(station: &Station) -> Option<u32> {
 /// The cells along x, y, z on which the flow of a station is computed, for an engine that comes to it: those that were found, or the scene's where nobody has
 /// found any yet.
 pub fn cells_of(station: &Station, scene: &LoadedScene) -> [usize; 3] {
+    cells_on(scene, agreed(station).unwrap_or(0))
+}
+
+/// The cells of the scene's grid, halved so many times; its own where that is no grid any more.
+pub fn cells_on(scene: &LoadedScene, halvings: u32) -> [usize; 3] {
     let grid = scene.fluid.grid;
-    let cells = agreed(station).and_then(|halvings| halved(grid, halvings)).unwrap_or(grid);
-    cells.map(|count| count as usize)
+    halved(grid, halvings).unwrap_or(grid).map(|count| count as usize)
 }
 
 /// Says how many times it is to be; gives how many times it is, which another may have said before.

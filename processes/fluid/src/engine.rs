@@ -9,7 +9,7 @@ mod tissues;
 
 use crate::afford::is_step;
 use crate::cavity::{Cavity, Tissue};
-use crate::coarse::halved;
+use crate::coarse::cells_on;
 use crate::crew::Crew;
 use crate::heard::Heard;
 use crate::holes::Holes;
@@ -109,8 +109,7 @@ impl<'a> FlowEngine<'a> {
     fn on_grid(life: &'a Life, scene: &LoadedScene, halvings: u32) -> Result<FlowEngine<'a>, Failure> {
         let input = |error: hyst_flow::FlowError| Failure::Input(error.to_string());
         let figures = &scene.fluid;
-        let cells = halved(figures.grid, halvings).unwrap_or(figures.grid);
-        let model = model_of(scene, cells.map(|count| count as usize)).map_err(input)?;
+        let model = model_of(scene, cells_on(scene, halvings)).map_err(input)?;
         let (grid, cells) = (model.grid, model.grid.cells());
         // Half of the machine at most, so that the threads of the layers leave room for whatever is real time.
         let default = (system::cores() / 2).clamp(1, 4) as f64;

@@ -7,6 +7,7 @@
 mod documented;
 mod state;
 
+use super::INTERRUPTED;
 use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
@@ -66,8 +67,6 @@ const KEEPERS: &str = "\nSupervisor and guardian take what is done from outside:
 const ASK_AHEAD_NS: u64 = 40_000_000;
 /// Between two looks whether the station still runs, ns.
 const LOOK_NS: u64 = 100_000_000;
-/// Exit code of one that was interrupted, as of a campaign.
-const INTERRUPTED: u8 = 3;
 /// Most ticks that are waited for: an hour.
 const MOST_AHEAD_TICKS: u64 = 3_600_000;
 

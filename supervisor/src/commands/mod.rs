@@ -24,6 +24,9 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
+/// Exit code of a command that was interrupted.
+const INTERRUPTED: u8 = 3;
+
 /// Does what the command line says.
 pub fn run(cli: Cli) -> ExitCode {
     let is_json = cli.command.is_json();

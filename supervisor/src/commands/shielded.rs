@@ -1,14 +1,12 @@
 //! Ctrl-C and the like in a command that asks a file what it is. Who is asked leads a process group of its own, which no signal of a terminal reaches, and
 //! would stay behind a command that just ends.
 
+use super::INTERRUPTED;
 use crate::settings::Refusal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Exit code of a command that was interrupted.
-const INTERRUPTED: u8 = 3;
 
 /// Does what is to be given up once the flag is set, which a signal does meanwhile; one that comes later ends this program as ever.
 pub fn shielded<T>(work: impl FnOnce(&AtomicBool) -> T) -> Result<T, Refusal> {

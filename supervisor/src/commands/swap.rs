@@ -4,7 +4,7 @@
 //! Exit codes: 0 the newcomer has the role, 1 it was rolled back, or how it ended is not known, 2 it was refused and nothing was disturbed, 3 this command was
 //! interrupted, and a swap that it has begun goes on.
 
-use super::no_station;
+use super::{INTERRUPTED, no_station};
 use crate::control::{NoAnswer, Request, ask_once};
 use crate::policy::Cause;
 use crate::remains;
@@ -16,8 +16,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Exit code of one that was interrupted, as of a fault.
-const INTERRUPTED: u8 = 3;
 /// Between two looks at the record.
 const LOOK_NS: u64 = 20_000_000;
 /// A swap takes seconds; pictures in software may take minutes to start, twice.
@@ -146,20 +144,18 @@ pub fn table(record: &Record) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::tests::book;
     use crate::swap::tests::record;
 
     /// Ctrl-C while a file was asked what it is left its process.
     #[test]
     fn a_command_that_is_interrupted_before_its_swap_has_begun_begins_none() {
-        let station = Station::named(&format!("t{}-none-begun", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
+        let (station, _faults) = book("none-begun");
         let refused = |interrupted| {
             begin_unless(&station, "fluid", Path::new("/bin/cat"), &AtomicBool::new(interrupted)).map_err(|refusal| refusal.code)
         };
         assert_eq!([refused(true), refused(false)], [Err(INTERRUPTED), Err(2)]);
         assert!(!station.swap().exists());
-        station.wipe();
     }
 
     /// Ctrl-C said nothing, and looked as if the swap had ended with the command.

@@ -379,7 +379,7 @@ fn start_judge(station: &Station, role: Role, guest: u32, draws: bool, tell: Sen
     command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
     command.args(draws.then_some("--draws"));
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-    let mut child = crate::proc::start(&mut command, false).ok()?;
+    let mut child = crate::spawn::start_as_begun(station, &mut command, None).ok()?;
     let lines = BufReader::new(child.stdout.take()?).lines();
     // Ends with the judge.
     let read = move || {

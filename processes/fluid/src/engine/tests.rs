@@ -9,8 +9,8 @@ use crate::heard::stated::stated;
 use crate::removed::tests::gone_ml;
 use crate::wounds::Vessel;
 use glam::{IVec3, Vec3};
-use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
+use hyst_exchange::{OwnedPage, Station};
 use hyst_flow::{Alarms, BloodSource, Capsule, PumpState, StepReport};
 use hyst_messages::page::hardware;
 use hyst_messages::{FLOW_FLAWS, HardwareSample, PUMP_ALARMS, SAMPLE_KEPT, Slot};
@@ -75,6 +75,18 @@ fn in_a_station(name: &str, body: impl FnOnce(FlowEngine<'_>)) {
     let life = Life::begin(station.name(), slot, 1).unwrap();
     body(FlowEngine::new(&life).unwrap());
     station.wipe();
+}
+
+/// The hardware's page, with a statement and a first sample of the default scene's hand at rest, which the engine hears.
+fn plugged(engine: &mut FlowEngine<'_>) -> (OwnedPage, HardwareSample) {
+    let (station, slot) = (&engine.life.station, Slot::first(Role::Hardware));
+    let page = station.create_slot(slot, 3).unwrap();
+    assert!(engine.heard.replace(station.read_slot(slot, 3).unwrap()).is_none());
+    page.write(hardware::STATEMENT, &stated());
+    let rest = at_rest(&load_scene(None).unwrap());
+    let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
+    page.write(hardware::SAMPLE, &sample);
+    (page, sample)
 }
 
 fn context(tick: u64, step_ticks: u64) -> StepContext {
@@ -195,13 +207,7 @@ fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
 #[test]
 fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counted_and_named() {
     in_a_station("refused", |mut engine| {
-        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
-        let page = life.station.create_slot(slot, 3).unwrap();
-        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
-        page.write(hardware::STATEMENT, &stated());
-        let rest = at_rest(&load_scene(None).unwrap());
-        let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
-        page.write(hardware::SAMPLE, &sample);
+        let (life, (page, sample)) = (engine.life, plugged(&mut engine));
         let good = engine.inputs(0.03);
         assert!(good.pump.inflow_valve == 1.0 && good.tools[0].radius_m > 0.0, "{good:?}");
         assert_eq!((life.page.load64(header::INVALID), engine.flaws), (0, 0));
@@ -217,12 +223,7 @@ fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counte
 #[test]
 fn a_state_says_how_much_light_comes_through_before_the_lens_and_one_that_founds_the_role_says_nothing() {
     in_a_station("sight", |mut engine| {
-        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
-        let page = life.station.create_slot(slot, 3).unwrap();
-        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
-        page.write(hardware::STATEMENT, &stated());
-        let rest = at_rest(&load_scene(None).unwrap());
-        page.write(hardware::SAMPLE, &HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest });
+        let _hardware = plugged(&mut engine);
         let bytes = engine.message_bytes();
         let told = |state: &[u64]| {
             let message = Message::parse(bytemuck::cast_slice(state), Kind::FluidState).unwrap();
@@ -240,12 +241,7 @@ fn a_state_says_how_much_light_comes_through_before_the_lens_and_one_that_founds
 #[test]
 fn what_the_scope_takes_of_the_cavitys_room_and_what_is_gone_leaves_of_it_is_told_to_the_pump() {
     in_a_station("room", |mut engine| {
-        let (life, slot, scene) = (engine.life, Slot::first(Role::Hardware), load_scene(None).unwrap());
-        let page = life.station.create_slot(slot, 3).unwrap();
-        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
-        page.write(hardware::STATEMENT, &stated());
-        let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..at_rest(&scene) };
-        page.write(hardware::SAMPLE, &sample);
+        let (scene, (_page, sample)) = (load_scene(None).unwrap(), plugged(&mut engine));
         let scope_ml = engine.inputs(0.03).pump.displaced_ml;
         assert!(scope_ml > 0.0 && scope_ml == Instrument::of(&scene).inputs(&sample, 0.03).pump.displaced_ml, "{scope_ml} ml");
         // Without the polyp, the scene's last object.
@@ -261,13 +257,7 @@ fn what_the_scope_takes_of_the_cavitys_room_and_what_is_gone_leaves_of_it_is_tol
 #[test]
 fn an_alarm_of_the_pressure_ends_3_mmhg_below_its_limit_whoever_goes_on_from_the_state() {
     in_a_station("alarm", |mut engine| {
-        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
-        let page = life.station.create_slot(slot, 3).unwrap();
-        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
-        page.write(hardware::STATEMENT, &stated());
-        let rest = at_rest(&load_scene(None).unwrap());
-        let mut sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
-        page.write(hardware::SAMPLE, &sample);
+        let (page, mut sample) = plugged(&mut engine);
         let bytes = engine.message_bytes();
         let (mut now, mut next) = (vec![0u64; bytes / 8], vec![0u64; bytes / 8]);
         engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
