@@ -11,6 +11,7 @@ use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, device, haptic, header};
 use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
@@ -22,6 +23,8 @@ pub const SHADOW_TICKS: u32 = 20;
 const UNSEEN_TICKS: u32 = 500;
 /// How long the servo sleeps at most without an input, ns: then it looks for a successor of the device, and for the station's end.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
+/// Most ticks by which an input may be ahead of the clock: one that were taken would leave all that come before its time unanswered.
+const MOST_AHEAD_TICKS: u64 = 2;
 /// States that a servo keeps in a replay: as far back as a lag is told.
 const HISTORY: usize = 256;
 
@@ -127,6 +130,11 @@ impl Servo<'_> {
             seen = news;
             let woken_ns = system::now_ns();
             let Some((_, input)) = device.cell(device::INPUT) else { continue };
+            if input.tick > self.life.clock.latest_tick().saturating_add(MOST_AHEAD_TICKS) {
+                self.life.refuse(device.incarnation(), Distrust::Invalid);
+                self.life.heartbeat();
+                continue;
+            }
             if input.tick <= self.last.tick {
                 continue;
             }

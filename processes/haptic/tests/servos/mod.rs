@@ -61,6 +61,15 @@ impl Servo {
         assert!(status.stopped(), "the servo ended: {status:?}");
     }
 
+    /// Waits until it has refused so many inputs.
+    pub fn has_refused(&self, count: u64) {
+        let deadline_ns = system::now_ns() + HANG_NS;
+        while self.page.load64(header::INVALID) < count {
+            assert!(system::now_ns() < deadline_ns, "it has refused {}", self.page.load64(header::INVALID));
+            std::thread::yield_now();
+        }
+    }
+
     pub fn go_on(&self) {
         kill_process(self.pid(), Signal::CONT).unwrap();
     }
@@ -134,6 +143,8 @@ pub fn founded(name: &str) -> (Wiped, OwnedPage, Links, OwnedPage) {
     station.0.found().unwrap();
     std::fs::write(station.0.settings(), "[set]\nrealtime = \"off\"\n").unwrap();
     let keeping = station.0.open_for_keeping().unwrap();
+    // The clock is past all ticks that a test tells, however fast.
+    keeping.store64(layout::T0_NS, system::now_ns().saturating_sub(HANG_NS));
     let links = Links::join(&station.0, "test").unwrap();
     let slot = Slot::first(Role::Device);
     let page = station.0.create_slot(slot, DEVICE).unwrap();
