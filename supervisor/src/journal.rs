@@ -7,6 +7,11 @@ use serde::{Deserialize, Serialize};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+/// What is said where the header of one of the station's own pages was mended, by whoever saw it first.
+pub const STATION_MENDED: &str = "the station's page had a damaged header, which was mended";
+/// The same of the roster's.
+pub const ROSTER_MENDED: &str = "the roster's page had a damaged header, which was mended";
+
 /// A log that is longer is shortened.
 const MOST_LOG_BYTES: u64 = 4 << 20;
 /// What is kept of it.

@@ -140,7 +140,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     }
     let page = Arc::new(station.open_for_keeping()?);
     if Roster::restore_header(station)? {
-        crate::journal::say(station, "the roster's page had a damaged header, which was mended");
+        journal::say(station, journal::ROSTER_MENDED);
     }
     register(&page, Role::Supervisor);
     page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
@@ -303,20 +303,9 @@ impl Supervisor {
                 self.accounts.cleared(slot, guilt_ns);
                 self.faults.cleared(slot, incarnation);
             }
+            Input::Notice(Notice::SaidDead { slot }) => self.note_said_dead(slot),
             Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns, is_slow }) => {
-                let (why, by) = match is_slow {
-                    true => ("works so much that it cannot be in time".into(), "processor time"),
-                    false => {
-                        let silent_ms = at_ns.saturating_sub(beat_ns) / 1_000_000;
-                        (format!("hangs (last heartbeat {silent_ms} ms ago)"), "heartbeat")
-                    }
-                };
-                let is_on_the_desk = slot.role() == Role::Hardware; // nobody stands in for it
-                let end = if is_on_the_desk { "; it is not killed" } else { " and is killed" };
-                journal::say(&self.station, &format!("{slot} {why}{end}"));
-                self.faults.late(slot, incarnation, at_ns, beat_ns, by);
-                let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
-                self.act(actions);
+                self.note_late(slot, incarnation, [at_ns, beat_ns], is_slow);
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, open_ns, beat_ns }) => {
                 let exit = self.memory.blame(spawn::reap_in_slot(&self.page, slot, pid));

@@ -3,6 +3,8 @@
 //! guilty is decided by [`crate::suspicion`]. It stands above all engines (SCHED_FIFO where granted), so that an engine that spins can be
 //! demoted and killed; therefore it does nothing else.
 
+mod words;
+
 use crate::proc::{self, ThreadFiles};
 use crate::suspicion::{Gauge, Opinion, is_real_time};
 use crate::toil::Toil;
@@ -16,6 +18,7 @@ use rustix::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use words::{mark_dead, mark_suspect, take_back_death};
 
 /// Between two looks at the heartbeats: one tick. It costs 2 % of a core (2-core EPYC VM, 2026-11-21, /proc/PID/task/*/schedstat of a whole
 /// station on a busy machine).
@@ -140,6 +143,11 @@ pub enum Notice {
         beat_ns: u64,
         /// It goes on.
         is_slow: bool,
+    },
+    /// The station page said of one who lives that it is dead, and does not any more.
+    SaidDead {
+        /// Where.
+        slot: Slot,
     },
     /// A servo has left its shadow: what it makes may be used.
     Serves {
@@ -266,19 +274,6 @@ fn wait(set: &OwnedFd, t0_ns: u64, ready: &mut Vec<epoll::Event>) {
     }
 }
 
-fn mark_dead(page: &OwnedPage, ward: &Ward) {
-    let at = ward.slot.number();
-    if page.load32(layout::SLOT_INCARNATION + at) == ward.incarnation {
-        page.store32(layout::SLOT_DEAD + at, 1);
-        page.bump_and_wake(layout::CHANGES);
-    }
-}
-
-/// A spare waits for this word before it takes the role from one that lives.
-fn mark_suspect(page: &OwnedPage, ward: &Ward, suspected: bool) {
-    page.store32(layout::SLOT_SUSPECT + ward.slot.number(), if suspected { ward.incarnation } else { 0 });
-}
-
 /// One look at everybody.
 #[derive(Clone, Copy, Debug)]
 struct Look {
@@ -301,6 +296,9 @@ fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(N
             if ward.slot.role() == Role::Device {
                 proc::hasten(ward.pid, DEVICE_RETURNS_PRIORITY);
             }
+        }
+        if ward.open_ns.is_none() && take_back_death(page, ward) {
+            tell(Notice::SaidDead { slot: ward.slot });
         }
         let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
         if std::mem::replace(&mut ward.beat_ns, beat_ns) != beat_ns {

@@ -3,7 +3,7 @@
 
 mod place;
 
-use hyst_messages::page::{header, roster};
+use hyst_messages::page::{header, roster, station as layout};
 use hyst_messages::{Role, Slot};
 use place::{PATIENCE, Place, pid_of, text};
 use rustix::process::Signal;
@@ -177,6 +177,30 @@ fn a_page_whose_header_is_damaged_is_mended_and_said() {
     root.open_for_keeping().unwrap().store64(header::MAGIC, 1);
     wait_said(&place, "the station's page had a damaged header");
     assert!(root.open().is_ok());
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+}
+
+/// By a flipped bit one who lived was nobody's holder, reader or victim for as long as it lived.
+#[test]
+fn one_who_lives_and_is_said_to_be_dead_is_said_to_live_again_and_its_death_is_seen_as_ever() {
+    let place = Place::new("said-dead");
+    let child = place.start(&[]);
+    let before = place.wait_ready();
+    let (root, slot) = (station(&place), Slot::first(Role::Recorder));
+    root.open_for_keeping().unwrap().store32(layout::SLOT_DEAD + slot.number(), 1 << 20);
+    wait_said(&place, &format!("said that {slot} is dead"));
+    assert!(!root.open().unwrap().is_dead(slot));
+    let pids = |rows: &[(String, u64, String)]| rows.iter().map(|(name, pid, _)| (name.clone(), *pid)).collect::<Vec<_>>();
+    assert_eq!(pids(&place.wait_ready()), pids(&before), "{}", events(&place));
+    let name = slot.to_string();
+    place::kill(pid_of(&before, &name));
+    place.wait("its successor", |rows| {
+        let is_new = |(known, pid, state): &(String, u64, String)| {
+            *known == name && *pid != pid_of(&before, &name) && (state == "live" || state == "spare")
+        };
+        rows.iter().any(is_new)
+    });
     assert!(place.call(&["stop"]).status.success());
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
 }

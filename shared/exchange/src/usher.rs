@@ -163,7 +163,15 @@ impl Desk {
     fn notice(&mut self, page: &StationPage) {
         // What the dead have not opened they never will; their pages stay readable.
         let is_over = |slot: Slot, wanted: Wanted| wanted != Wanted::Page && page.is_dead(slot);
-        self.waiting.retain(|guest| !is_over(guest.slot, guest.wanted));
+        let known = &mut self.known;
+        self.waiting.retain(|guest| {
+            let is_over = is_over(guest.slot, guest.wanted);
+            if is_over {
+                // If it is not dead after all, it is met like a newcomer.
+                known.retain(|key| *key != (guest.slot, guest.incarnation, guest.wanted));
+            }
+            !is_over
+        });
         for &(role, wanted) in &self.interests {
             for (slot, incarnation) in page.occupied(role) {
                 let key = (slot, incarnation, wanted);

@@ -55,7 +55,7 @@ impl Kept {
     pub(super) fn keep(&mut self, station: &Station, page: &OwnedPage, now_ns: u64) -> bool {
         if page.mend_magic() {
             // Neither a supervisor nor an engine could begin.
-            self.said_of_header.say(station, now_ns, "the station's page had a damaged header, which was mended");
+            self.said_of_header.say(station, now_ns, journal::STATION_MENDED);
         }
         let beat_ns = page.load64(layout::SUPERVISOR_NS);
         self.silence.look(now_ns, beat_ns);

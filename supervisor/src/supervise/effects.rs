@@ -74,6 +74,23 @@ impl Supervisor {
         }
     }
 
+    /// The watch has killed one that hangs, or is too slow to be in time; when that was seen and its last heartbeat, ns.
+    pub(super) fn note_late(&mut self, slot: Slot, incarnation: u32, [at_ns, beat_ns]: [u64; 2], is_slow: bool) {
+        let (why, by) = match is_slow {
+            true => ("works so much that it cannot be in time".into(), "processor time"),
+            false => {
+                let silent_ms = at_ns.saturating_sub(beat_ns) / 1_000_000;
+                (format!("hangs (last heartbeat {silent_ms} ms ago)"), "heartbeat")
+            }
+        };
+        let is_on_the_desk = slot.role() == Role::Hardware; // nobody stands in for it
+        let end = if is_on_the_desk { "; it is not killed" } else { " and is killed" };
+        journal::say(&self.station, &format!("{slot} {why}{end}"));
+        self.faults.late(slot, incarnation, at_ns, beat_ns, by);
+        let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
+        self.act(actions);
+    }
+
     fn spawn(&mut self, slot: Slot) {
         let event = match self.spawner.spawn(slot) {
             Ok(ward) => {

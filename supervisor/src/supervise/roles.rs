@@ -44,8 +44,7 @@ impl Supervisor {
     /// Tells the policy who holds each role, and mends what cannot be: engines neither follow it nor promote from it.
     pub(super) fn note_holders(&mut self, now_ns: u64) {
         if self.holders.roster.mend_header() {
-            let text = "the roster's page had a damaged header, which was mended";
-            self.holders.said_of_header.say(&self.station, now_ns, text);
+            self.holders.said_of_header.say(&self.station, now_ns, journal::ROSTER_MENDED);
         }
         for (index, role) in Role::STATEFUL.into_iter().enumerate() {
             let tenure = self.holders.roster.holder(role);
@@ -74,8 +73,7 @@ impl Supervisor {
     /// connected with them.
     pub(super) fn mend_headers(&mut self, now_ns: u64) {
         if self.page.mend_magic() {
-            let text = "the station's page had a damaged header, which was mended";
-            self.holders.said_of_header.say(&self.station, now_ns, text);
+            self.holders.said_of_header.say(&self.station, now_ns, journal::STATION_MENDED);
         }
         for slot in self.spawner.mend_seats() {
             let text = format!("the station's page did not say any more who {slot} is, and was mended");
@@ -91,6 +89,12 @@ impl Supervisor {
                 self.holders.said_of_header.say(&self.station, now_ns, &text);
             }
         }
+    }
+
+    /// The watch has taken back that somebody is dead who lives.
+    pub(super) fn note_said_dead(&mut self, slot: Slot) {
+        let text = format!("the station's page said that {slot} is dead, which lives, and was mended");
+        self.holders.said_of_header.say(&self.station, system::now_ns(), &text);
     }
 
     fn is_sound(&self, tenure: Tenure) -> bool {

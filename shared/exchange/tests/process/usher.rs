@@ -130,6 +130,23 @@ fn one_that_stands_in_its_start_up_holds_up_nobody_and_arrives_when_it_goes_on()
     });
 }
 
+/// By a flipped bit one that was on its way was known, and was never met.
+#[test]
+fn one_that_is_said_to_be_dead_for_a_moment_arrives_all_the_same() {
+    isolated(one_that_is_said_to_be_dead_for_a_moment_arrives_all_the_same, |station| {
+        let mut house = house(station);
+        let (mut partner, _service) = house.newcomer(3, "stop@before-ports");
+        assert!(matches!(house.next().port, Port::Page(_)));
+        partner.await_stop();
+        declare_dead(&house.keeper, slot(Role::Tissue));
+        assert!(house.marker(0).is_empty());
+        announce(&house.keeper, slot(Role::Tissue), 3);
+        partner.go_on();
+        partner.expect("open");
+        assert_eq!(stream_of(house.next()).incarnation(), 3);
+    });
+}
+
 /// By that its engine finds one that stands still, with nobody to meet.
 #[test]
 fn an_usher_gets_on_again_and_again_unless_it_stands_still() {
