@@ -24,7 +24,7 @@ pub use limits::{Limits, is_judged, limits, sources};
 pub use reason::{Cause, Reason};
 pub use record::Record;
 pub use state::State;
-pub use swap::{ARRIVE_WITHIN_NS, GIVE_BACK_WITHIN_NS, PROVE_WITHIN_NS, Swap, TOUCH_WITHIN_NS, probation_ns};
+pub use swap::{ARRIVE_WITHIN_NS, GIVE_BACK_WITHIN_NS, PROVE_WITHIN_NS, Swap, TOUCH_WITHIN_NS, VACATE_WITHIN_NS, probation_ns};
 
 use hyst_messages::{Role, Slot};
 use state::{Life, Place};

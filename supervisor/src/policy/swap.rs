@@ -20,6 +20,8 @@ use retreat::{fail, retreated};
 pub use touch::TOUCH_WITHIN_NS;
 pub(super) use touch::touched;
 
+/// How long an old engine may take to end in whose place its newcomer starts, ns: one that a disk keeps is not waited for, and its swap is undone.
+pub const VACATE_WITHIN_NS: u64 = 10_000_000_000;
 /// How long a newcomer may take until it is ready, ns: what the watch allows to any start.
 pub const ARRIVE_WITHIN_NS: u64 = 30_000_000_000;
 /// The same for pictures in software.
@@ -351,7 +353,9 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
     let Some(swap) = state.swap.clone().filter(|_| !state.stopping) else { return Vec::new() };
     let (role, passed_ns) = (swap.role(), now_ns.saturating_sub(swap.since_ns));
     match swap.stage {
-        Stage::Vacating => Vec::new(), // it was killed, and its death ends this
+        Stage::Vacating if passed_ns > VACATE_WITHIN_NS => {
+            fail(now_ns, Reason::new(Cause::NoTime, "the old engine did not end, and keeps its place"), state)
+        }
         Stage::Arriving if passed_ns > arrive_within_ns(role) => {
             fail(now_ns, Reason::new(Cause::NotReady, "it did not become ready"), state)
         }

@@ -3,24 +3,22 @@
 
 mod effort;
 mod forces;
+mod judge;
 mod newcomer;
 
-use super::{Input, Supervisor};
+use super::Supervisor;
 use crate::journal;
 use crate::mischief::Charge;
 use crate::policy::{self, Action, Cause, Event, Left, Reason};
 use crate::swap::judge::Seen;
 use crate::swap::{Record, first_slot, kept, role_of};
 use effort::{Effort, KEPT_OFF_FOR_LATE, Spent, Tenures};
-use hyst_exchange::{Station, system};
+use hyst_exchange::system;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, Swap, device, rendering, station as layout};
 use hyst_messages::{Role, Slot};
-use std::io::{BufRead, BufReader};
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
-use std::sync::mpsc::Sender;
+use std::process::Child;
 
 /// How long a newcomer is compared at least before it may have the role, ns.
 const SHADOW_NS: u64 = 1_000_000_000;
@@ -91,9 +89,8 @@ impl Trial {
 
 impl Drop for Trial {
     fn drop(&mut self) {
-        if let Some(mut judge) = self.judge.take() {
-            let _ = judge.kill(); // gone is as good; one that waits for a recording's disk ends when that answers, and nobody waits for it
-            let _ = std::thread::Builder::new().name("judged".into()).spawn(move || judge.wait());
+        if let Some(judge) = self.judge.take() {
+            judge::end(judge);
         }
     }
 }
@@ -213,7 +210,7 @@ impl Supervisor {
             trial.note_leader();
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
             if stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
-                trial.judge = start_judge(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
+                trial.judge = judge::start(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
             }
         }
         let text = match stage {
@@ -372,23 +369,4 @@ impl Supervisor {
 /// The binary that a process runs; `None` if the system does not say.
 pub fn binary_of(pid: u32) -> Option<PathBuf> {
     std::fs::read_link(format!("/proc/{pid}/exe")).ok()
-}
-
-fn start_judge(station: &Station, role: Role, guest: u32, draws: bool, tell: Sender<Input>) -> Option<Child> {
-    let mut command = crate::proc::own_program();
-    command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
-    command.args(draws.then_some("--draws"));
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-    let mut child = crate::spawn::start_as_begun(station, &mut command, None).ok()?;
-    let lines = BufReader::new(child.stdout.take()?).lines();
-    // Ends with the judge.
-    let read = move || {
-        for seen in lines.map_while(Result::ok).filter_map(|line| serde_json::from_str::<Seen>(&line).ok()) {
-            if tell.send(Input::Judged { incarnation: guest, seen }).is_err() {
-                return;
-            }
-        }
-    };
-    std::thread::Builder::new().name("judge".into()).spawn(read).ok()?;
-    Some(child)
 }

@@ -1,6 +1,7 @@
 //! Single histories whose end is known: who comes back when, who is given up, who goes first.
 
 use super::*;
+use hystation::policy::{Cause, VACATE_WITHIN_NS};
 
 fn alive(slot: Slot) -> (World, State) {
     let mut state = State::new(&[slot]);
@@ -359,4 +360,23 @@ fn one_that_still_warms_when_it_is_adopted_takes_no_role_and_a_station_that_ran_
     step(4, Event::Spawned { slot: slots[2], incarnation: 3 }, &mut state);
     let died = step(5, Event::Died { slot: slots[2], incarnation: 3, exit: Exit::Code(2) }, &mut state);
     assert!(!died.iter().any(|action| matches!(action, Action::GiveUp { end: Some(_), .. })), "{died:?}");
+}
+
+/// A swap waited for ever for an old engine that a disk keeps, and no other could begin.
+#[test]
+fn an_old_engine_that_does_not_end_keeps_its_place_and_its_swap_is_undone() {
+    let slot = Slot::first(Role::Recorder);
+    let mut state = State::new(&[slot]);
+    step(0, Event::Started { adopted: vec![(slot, 1)], warming: Vec::new() }, &mut state);
+    let asked = step(1, Event::SwapAsked { slot, incumbent: 1 }, &mut state);
+    assert_eq!(asked, [Action::Dismiss { slot, incarnation: 1 }]);
+    assert_eq!(step(1 + VACATE_WITHIN_NS, Event::Tick, &mut state), []);
+    let undone = step(2 + VACATE_WITHIN_NS, Event::Tick, &mut state);
+    let is_undone = match &undone[..] {
+        [Action::Retreat { reason, .. }, Action::EndSwap { promoted: false, .. }] => reason.cause == Cause::NoTime,
+        _ => false,
+    };
+    assert!(is_undone && state.may_swap(slot).is_ok(), "{undone:?}");
+    let died = step(3 + VACATE_WITHIN_NS, Event::Died { slot, incarnation: 1, exit: Exit::Signal(9) }, &mut state);
+    assert_eq!(died, [Action::MarkDead { slot, incarnation: 1 }, Action::Spawn { slot }], "another of its own kind");
 }
