@@ -10,13 +10,11 @@ use crate::faultfile::{FaultKind, Injection, Keepers};
 use crate::remains::{self, Living};
 use crate::shortage::{self, Lowered};
 use crate::struck::{Hit, Struck};
-use crate::{moment, proc};
+use crate::{interrupt, moment, proc};
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Between two looks whether whoever waits for the end was interrupted, ns: nobody who presses Ctrl-C feels that.
@@ -124,12 +122,8 @@ fn strike(pid: u32, kind: FaultKind) -> Result<Option<Lowered>, String> {
 /// Does what the command line says, and stays until its end. Says what was done, and whether it lasted as long as it was asked for: false where the command was
 /// interrupted.
 pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Result<(Struck, bool), NoAnswer> {
-    let interrupted = Arc::new(AtomicBool::new(false));
     // Before anybody is hurt: a signal that comes just after that must not end this process first.
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&interrupted))
-            .map_err(|error| NoAnswer::Refused(format!("signals: {error}")))?;
-    }
+    let interrupted = interrupt::noticed().map_err(NoAnswer::Refused)?;
     let (hurt, struck) = strike_at(station, keepers, injection).map_err(NoAnswer::Refused)?;
     let lasted = injection.for_s.map_or(Ok(true), |for_s| hurt.last_for(station, for_s, &interrupted));
     let has_lasted =

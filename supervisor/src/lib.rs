@@ -23,6 +23,7 @@ mod faultfile;
 mod faults;
 mod growth;
 mod guardian;
+mod interrupt;
 mod journal;
 mod keepers;
 mod ledger;

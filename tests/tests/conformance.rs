@@ -148,20 +148,22 @@ fn an_engine_that_knows_of_no_vessels_conforms_where_there_is_none_and_is_rolled
     station.stop().assert_clean();
 }
 
-/// Ctrl-C left the folder with the recording of the private station.
+/// Ctrl-C left the folder with the recording of the private station, and ended the command without a word.
 #[test]
-fn a_conformance_that_is_ended_leaves_no_station_and_no_folder_behind() {
-    for (role, signal) in [("fluid", Signal::KILL), ("recorder", Signal::INT)] {
+fn a_conformance_that_is_ended_leaves_no_station_and_no_folder_behind_and_says_so_if_it_can() {
+    for (role, signal, code) in [("fluid", Signal::KILL, None), ("recorder", Signal::INT, Some(3))] {
         let mut command = hystation();
-        command.args(["conformance", role]).arg(binaries().join(role)).stdout(Stdio::null()).stderr(Stdio::null());
-        let mut begun = command.spawn().expect("hystation");
+        command.args(["conformance", role]).arg(binaries().join(role)).stdout(Stdio::null()).stderr(Stdio::piped());
+        let begun = command.spawn().expect("hystation");
         let name = format!("conformance-{}", begun.id());
         let folder = std::env::temp_dir().join(&name);
         let runs = || (leftovers(&name).len() > 3 && folder.is_dir()).then_some(());
         assert!(wait_for(RECOVERY_LIMIT, runs).is_some(), "no private station");
         let pid = rustix::process::Pid::from_raw(begun.id() as i32).expect("a process id");
         rustix::process::kill_process(pid, signal).expect("it is ours");
-        begun.wait().expect("it is ours");
+        let ended = begun.wait_with_output().expect("it is ours");
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!((ended.status.code(), said.contains("interrupted")), (code, code.is_some()), "{signal:?}: {said}");
         let gone = wait_for(RECOVERY_LIMIT, || (leftovers(&name).is_empty() && !folder.exists()).then_some(()));
         assert!(gone.is_some(), "{signal:?} left: {:?}, {}: {}", leftovers(&name), folder.display(), folder.exists());
     }

@@ -40,8 +40,6 @@ use hyst_exchange::Station;
 use judge::Judgement;
 use runner::Runner;
 use std::io::Write;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use store::Store;
 
 /// Runs a campaign, or a batch of it; gives the exit code.
@@ -76,10 +74,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
 
 /// Runs it, its results in a folder.
 fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, store: &mut Store) -> Result<u8, Refusal> {
-    let interrupted = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
-    }
+    let interrupted = crate::interrupt::noticed().map_err(Refusal::failed)?;
     let name = if name == "default" { format!("campaign-{}", std::process::id()) } else { name.to_string() };
     let station = Station::named(&name).map_err(|e| Refusal::input(e.to_string()))?;
     if !crate::remains::living(&station).is_empty() {

@@ -8,7 +8,7 @@ pub const SWAP: &str = "Exit codes: 0 the new engine has the role; 1 it was roll
                         disturbed; 3 this command was interrupted, and a swap that it has begun goes on.";
 /// Of `conformance`.
 pub const CONFORMANCE: &str = "Exit codes: 0 it conforms; 1 it does not; 2 it is no engine of that role, or there can be no such station; 3 this machine \
-                               gave it no time to show what it is, or no station to show it in, or it was interrupted before that station began.";
+                               gave it no time to show what it is, or no station to show it in, or it was interrupted.";
 /// Of `fault inject`.
 pub const INJECT: &str = "Exit codes: 0 it was done; 1 it was done by half, nobody knows whether it was done, or the state did not come; 2 it was refused, \
                           and nobody is hurt; 3 it was interrupted, and has ended before its time.";

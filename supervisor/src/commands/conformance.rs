@@ -4,11 +4,12 @@
 //! of it is counted.
 //!
 //! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in, or it
-//! was interrupted before that station began.
+//! was interrupted: then that station is ended first.
 
 mod driver;
 mod own;
 
+use super::INTERRUPTED;
 use super::shielded::shielded;
 use super::swap::swap_and_wait;
 use crate::policy::Cause;
@@ -23,7 +24,7 @@ use std::io::{Read, Seek};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How long the private station may take to be whole: a start takes a second, on a busy machine a minute.
 const WHOLE_WITHIN_NS: u64 = 120_000_000_000;
@@ -77,10 +78,19 @@ pub fn conformance(role: &str, binary: &Path, place: Place, json: bool) -> Resul
         return Ok(tell(DRIVER, &binary, &checks, &[], "a station would not be safe with it", json));
     }
     let role = role_of(role).map_err(Refusal::input)?;
-    let mut checks = shielded(|interrupted| asked(&binary, role, &|| interrupted.load(Ordering::SeqCst)))??;
-    let (found, log) = in_a_station(role, &binary, place)?;
-    checks.extend(found);
+    let (checks, log) = shielded(|interrupted| tried(role, &binary, place, interrupted))??;
     Ok(tell(role.name(), &binary, &checks, &log, "a trainee's station would not be safe with it", json))
+}
+
+/// What was found of an engine that was asked what it is and then tried, and what it printed last. What is interrupted finds less, and nobody is told of it.
+fn tried(role: Role, binary: &Path, place: Place, interrupted: &AtomicBool) -> Result<(Vec<Check>, Vec<String>), Refusal> {
+    let mut checks = asked(binary, role, &|| interrupted.load(Ordering::SeqCst))?;
+    if interrupted.load(Ordering::SeqCst) {
+        return Ok((checks, Vec::new()));
+    }
+    let (found, log) = in_a_station(role, binary, place, interrupted)?;
+    checks.extend(found);
+    Ok((checks, log))
 }
 
 /// Says what was found, and if something is bad what the engine has printed last; gives the exit code.
@@ -135,12 +145,20 @@ fn refuses(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<String, String>
 }
 
 /// The private station, ended when this is dropped.
-struct Private {
+struct Private<'a> {
     station: Station,
     child: Child,
+    /// Nobody wants to know it any more.
+    interrupted: &'a AtomicBool,
 }
 
-impl Drop for Private {
+impl Private<'_> {
+    fn is_given_up(&self) -> bool {
+        self.interrupted.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for Private<'_> {
     fn drop(&mut self) {
         let _ = super::stop::stop(&self.station); // gone is as good
         let _ = crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS); // one that does not end is killed
@@ -155,14 +173,14 @@ fn nameless(path: &Path) -> Result<File, Refusal> {
 }
 
 /// What was found of an engine in a station of its own, and what it printed there last. The station is in test mode, so that the engine can be asked to do wrong.
-fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<(Vec<Check>, Vec<String>), Refusal> {
+fn in_a_station(role: Role, binary: &Path, place: Place, interrupted: &AtomicBool) -> Result<(Vec<Check>, Vec<String>), Refusal> {
     let name = format!("conformance-{}", std::process::id());
     let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let folder = std::env::temp_dir().join(&name);
     let mut command = Command::new(program);
     command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--test-mode", "--hand", place.hand]);
-    command.arg("--passing").arg(&folder); // the station's to remove: this command may be interrupted
+    command.arg("--passing").arg(&folder); // the station's to remove: this command may be killed
     if let Some(scene) = place.scene {
         command.arg(scene);
     }
@@ -173,7 +191,7 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<(Vec<Check>, 
     let lines = said.try_clone().map_err(|e| Refusal::failed(e.to_string()))?;
     let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(lines).process_group(0).spawn();
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
-    let mut private = Private { station, child };
+    let mut private = Private { station, child, interrupted };
     let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
         2 => refusal,
         _ => Refusal { code: 3, ..refusal }, // it says nothing of the engine
@@ -207,6 +225,9 @@ fn wait_until(private: &mut Private, role: Role, within_ns: u64, is_it: impl Fn(
     let begun_ns = system::now_ns();
     loop {
         let now_ns = system::now_ns();
+        if private.is_given_up() {
+            return Err(Refusal { code: INTERRUPTED, message: "interrupted".into() });
+        }
         if whole(&private.station, role).is_some_and(|incarnations| is_it(&incarnations)) {
             return Ok(now_ns - begun_ns);
         }
@@ -259,10 +280,10 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
     wait_until(private, role, WHOLE_WITHIN_NS, |_| true)?;
     let station = &private.station.clone();
     let late = own::late_share(station, role);
-    let mut record = swap_and_wait(station, role.name(), binary)?;
+    let mut record = swap_and_wait(station, role.name(), binary, private.interrupted)?;
     for _ in 1..TRIES {
         if record.cause == Some(Cause::NoTime) {
-            record = swap_and_wait(station, role.name(), binary)?;
+            record = swap_and_wait(station, role.name(), binary, private.interrupted)?;
         }
     }
     if record.cause == Some(Cause::NoTime) {

@@ -2,8 +2,8 @@
 //! would stay behind a command that just ends.
 
 use super::INTERRUPTED;
+use crate::interrupt::SIGNALS;
 use crate::settings::Refusal;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Does what is to be given up once the flag is set, which a signal does meanwhile; one that comes later ends this program as ever.
 pub fn shielded<T>(work: impl FnOnce(&AtomicBool) -> T) -> Result<T, Refusal> {
     let (interrupted, is_over) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
+    for signal in SIGNALS {
         let ends = flag::register_conditional_default(signal, Arc::clone(&is_over));
         let told = ends.and_then(|_| flag::register(signal, Arc::clone(&interrupted)));
         told.map_err(|e| Refusal::failed(format!("signals: {e}")))?;
@@ -28,6 +28,7 @@ pub fn shielded<T>(work: impl FnOnce(&AtomicBool) -> T) -> Result<T, Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use signal_hook::consts::{SIGINT, SIGTERM};
     use std::os::unix::process::ExitStatusExt;
     use std::process::{Command, Stdio};
 

@@ -5,8 +5,7 @@ use crate::settings::Refusal;
 use crate::view::{Viewer, table};
 use hyst_exchange::{Station, system};
 use std::io::Write;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 /// Between the two looks that a rate needs.
 const RATE_NS: u64 = 250_000_000;
@@ -32,10 +31,7 @@ pub fn status(station: &Station, json: bool) -> Result<u8, Refusal> {
 /// Draws the processes until Ctrl-C or the end of the station.
 pub fn top(station: &Station) -> Result<u8, Refusal> {
     let mut viewer = Viewer::open(station).map_err(|_| no_station(station))?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
-    }
+    let stop = crate::interrupt::noticed().map_err(Refusal::failed)?;
     while !stop.load(Ordering::Relaxed) {
         let view = viewer.look_all();
         let text = format!("\x1b[H{}\x1b[J", table(&view).replace('\n', "\x1b[K\n"));

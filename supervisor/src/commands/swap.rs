@@ -6,14 +6,13 @@
 
 use super::{INTERRUPTED, no_station};
 use crate::control::{NoAnswer, Request, ask_once};
+use crate::interrupt;
 use crate::policy::Cause;
 use crate::remains;
 use crate::settings::Refusal;
 use crate::swap::{Record, kept, role_of};
 use hyst_exchange::{Station, system};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Between two looks at the record.
@@ -25,10 +24,7 @@ const BEGUN_WITHIN_NS: u64 = 10_000_000_000;
 
 /// Swaps, and prints what happened.
 pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<u8, Refusal> {
-    let interrupted = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
-    }
+    let interrupted = interrupt::noticed().map_err(Refusal::failed)?;
     let number = begin_unless(station, role, binary, &interrupted)?;
     let record = wait(station, number, &interrupted)?;
     if json {
@@ -74,9 +70,9 @@ fn begin_unless(station: &Station, role: &str, binary: &Path, interrupted: &Atom
     }
 }
 
-/// Swaps and waits for the end.
-pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Record, Refusal> {
-    wait(station, begin(station, role, binary)?, &AtomicBool::new(false))
+/// Swaps and waits for the end, unless it is interrupted.
+pub fn swap_and_wait(station: &Station, role: &str, binary: &Path, interrupted: &AtomicBool) -> Result<Record, Refusal> {
+    wait(station, begin_unless(station, role, binary, interrupted)?, interrupted)
 }
 
 /// Waits for the end of a swap, or until nobody wants to know it any more: the swap goes on.

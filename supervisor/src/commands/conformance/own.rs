@@ -135,7 +135,7 @@ pub(super) fn late_share(station: &Station, role: Role) -> f64 {
 /// Looks at the steps of who has the role.
 pub(super) fn steps(role: Role, private: &mut Private, late_before: f64) -> Vec<Check> {
     let mut found = Vec::new();
-    for _ in 0..if allocates_nothing(role) { WINDOWS } else { 0 } {
+    for _ in 0..if allocates_nothing(role) && !private.is_given_up() { WINDOWS } else { 0 } {
         let whole = active(role, private);
         let window = window(&private.station, role);
         let judged = |judge: &dyn Fn(&[Count]) -> Result<String, String>| whole.clone().and_then(|_| judge(&window));
@@ -143,7 +143,7 @@ pub(super) fn steps(role: Role, private: &mut Private, late_before: f64) -> Vec<
         if is_paced(role) {
             found.push(check("makes its steps in time", judged(&|window| in_time(late_before, window))));
         }
-        if found.iter().all(|check| check.good) {
+        if found.iter().all(|check| check.good) || private.is_given_up() {
             break;
         }
     }
