@@ -31,15 +31,13 @@ impl<S: Stateful> Loop<'_, S> {
             let orphaned = holder.epoch > 0 && !self.holder_lives(holder) && !self.has_warm_spare();
             let late = silence.look(system::now_ns(), 0) > NEWBORN_PATIENCE_NS; // no sign: no state has come
             if late && self.is_guest() {
-                let refused = self.life.page.load64(header::INVALID);
-                return Err(Failure::Broken(format!("{}, and a newcomer on trial founds nothing", without_a_state(refused))));
+                return Err(Failure::Broken(format!("{}, and a newcomer on trial founds nothing", self.without_a_state())));
             }
             if late && self.founded {
                 return Err(Failure::Broken("the state that this process founded the role with did not come back".into()));
             }
             if late && holder.epoch > 0 && self.holder_lives(holder) {
-                let refused = self.life.page.load64(header::INVALID);
-                return Err(Failure::Broken(format!("its holder lives, and {}", without_a_state(refused))));
+                return Err(Failure::Broken(format!("its holder lives, and {}", self.without_a_state())));
             }
             if !self.founded && !self.is_guest() && (nobody || orphaned || late && !self.has_warm_spare()) {
                 if self.is_sound(holder) {
@@ -64,6 +62,10 @@ impl<S: Stateful> Loop<'_, S> {
             self.engine.step(&context, newest.bytes(), loan.bytes_mut())?;
         }
         Ok(())
+    }
+
+    fn without_a_state(&self) -> String {
+        without_a_state(self.life.page.load64(header::INVALID))
     }
 
     /// Waits for what a step reads of others.
