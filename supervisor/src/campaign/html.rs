@@ -1,10 +1,11 @@
 //! A campaign's report as one page that needs nothing beside it: no script, no network, plots as SVG.
 
+use super::advice::advice;
 use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::{self, besides, counts, first_not_shown, not_shown, percentile, segments, target_of, unnoticed};
+use super::text::{self, besides, counts, first_not_shown, not_shown, percentile, segments, shortened, target_of, unnoticed};
 use hyst_assessment::{escape, wide_table};
 use std::fmt::Write;
 
@@ -22,7 +23,7 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
     let title = format!("Fault campaign {}", escape(&judgement.campaign));
     let (verdict, words) = match judgement.exit_code {
         1 => (Verdict::Broken, "A promise was broken"),
-        3 => (Verdict::Unknown, "Nothing can be said of every promise"),
+        3 => (Verdict::Unknown, "Of some promises nothing can be said"),
         _ if judgement.done < judgement.planned => (Verdict::Unknown, "No promise was broken so far; the plan is not through"),
         _ if !judgement.has_promises() => (Verdict::Figures, "No promise was judged"),
         _ => (Verdict::Held, "Every promise held"),
@@ -45,6 +46,7 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
     for batch in &judgement.origins {
         let _ = writeln!(page, "<p class=\"note\">{}</p>", escape(&batch.words()));
     }
+    list(&mut page, "What to do next", &advice(judgement));
     reasons(&mut page, judgement);
     let mut arms: Vec<&str> = judgement.cells.iter().map(|cell| cell.arm.as_str()).collect();
     arms.dedup();
@@ -70,12 +72,12 @@ fn reasons(page: &mut String, judgement: &Judgement) {
         judgement.cells.iter().filter_map(line).collect()
     };
     let beside = |figures: &Figures| -> Vec<String> {
-        figures.collateral.iter().map(|line| format!("{}, {}: {line}", figures.arm, figures.name)).collect()
+        shortened(&figures.collateral).iter().map(|line| format!("{}, {}: {line}", figures.arm, figures.name)).collect()
     };
     list(page, "Who else died, or hung and was ended", &judgement.cells.iter().flat_map(beside).collect::<Vec<_>>());
     list(page, "What did not show", &named(not_shown));
     list(page, "Whose first fault did not show", &named(first_not_shown));
-    list(page, "What showed fewer than twenty times", &judgement.few);
+    list(page, "What showed fewer than twenty times, which changes no verdict", &judgement.few);
     list(page, "What was done and not noticed", &named(unnoticed));
 }
 
@@ -170,7 +172,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         format!("{} / {}", figures.window_ticks[1], figures.control_ticks[1]),
         figures.data_lost_ticks.to_string(),
         figures.leftovers.to_string(),
-        escape(&figures.collateral.join("; ")),
+        escape(&shortened(&figures.collateral).join("; ")),
         escape(&besides(figures).join(", ")),
     ];
     let cells: String = cells.iter().map(|cell| format!("<td>{cell}</td>")).collect();

@@ -18,6 +18,7 @@ mod take;
 mod verdict;
 
 pub use figures::{Figures, Verdict};
+pub use verdict::{Unlike, unlike};
 
 use super::cell::Cell;
 use super::draw::Plan;

@@ -76,6 +76,25 @@ fn a_cell_of_which_nobody_noticed_anything_says_so_everywhere() {
     assert!(reports.iter().all(|report| report.contains(reason)), "{reports:?}");
 }
 
+/// Six of 24 were refused, and what became of the others counted as if nothing had come of any: the campaign had no verdict for it.
+#[test]
+fn what_nobody_noticed_is_said_to_be_so_although_some_were_refused_and_not_where_most_were() {
+    let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"console\"]\ncount = 8\nwhere = \"page\"\npool = \"all\"\n";
+    let judged = |refused: usize| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        for (number, outcome) in outcomes.iter_mut().enumerate() {
+            outcome.fault.as_mut().unwrap().detected_by = String::new();
+            if number < refused {
+                (outcome.fault, outcome.ending) = (None, Ending::Refused);
+            }
+        }
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        (judgement.cells[0].verdict, judgement.cells[0].reasons.clone())
+    };
+    assert_eq!(judged(2), (Verdict::Figures, vec!["nobody noticed any of its 6 faults: it proves nothing".to_string()]));
+    assert_eq!([5, 8].map(|refused| judged(refused).0), [Verdict::Unknown; 2]);
+}
+
 /// Its line says when it had beaten last: a little before it was killed, when the fault before was the newest.
 #[test]
 fn a_keeper_that_had_beaten_before_it_was_killed_was_ended_by_that() {

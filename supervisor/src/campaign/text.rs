@@ -1,10 +1,14 @@
 //! A campaign's report as plain text.
 
+use super::advice::{advice, unknown};
 use super::bounds::Excess;
 use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::{Ending, Outcome};
 use std::collections::BTreeMap;
 use std::fmt::Write;
+
+/// Most lines of what came beside the faults of one cell.
+const MOST_LINES: usize = 6;
 
 /// The value below which a share of an ascending list lies; `None` of nothing.
 pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
@@ -115,6 +119,13 @@ fn row(figures: &Figures) -> String {
     )
 }
 
+/// The first lines of a list that may have hundreds, and how many more there are.
+pub fn shortened(lines: &[String]) -> Vec<String> {
+    let surplus = lines.len().saturating_sub(MOST_LINES);
+    let rest = (surplus > 0).then(|| format!("… and {surplus} more, in report.json"));
+    lines.iter().take(MOST_LINES).cloned().chain(rest).collect()
+}
+
 /// What faults brought about beside what they were to do, with how often: `others died 2`.
 pub fn besides(figures: &Figures) -> Vec<String> {
     figures.seen.iter().map(|(what, count)| format!("{what} {count}")).collect()
@@ -194,7 +205,7 @@ fn remarks(text: &mut String, judgement: &Judgement) {
         }
     }
     for figures in &judgement.cells {
-        for line in &figures.collateral {
+        for line in shortened(&figures.collateral) {
             let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
         }
         for list in not_shown(figures).into_iter().chain(first_not_shown(figures)).chain(unnoticed(figures)) {
@@ -253,23 +264,45 @@ pub fn text(judgement: &Judgement) -> String {
     text.push_str(&segments_text(judgement));
     text.push('\n');
     remarks(&mut text, judgement);
-    for reason in judgement.few.iter().chain(&judgement.broken).chain(&judgement.unknown) {
-        let _ = writeln!(text, "{reason}");
-    }
+    list(&mut text, "what showed fewer than twenty times, which changes no verdict", &judgement.few);
+    list(
+        &mut text,
+        "what speaks against stations, or the campaign as a whole",
+        &[&judgement.broken[..], &judgement.unknown[..]].concat(),
+    );
     let end = match judgement.exit_code {
-        1 => "a promise was broken",
-        3 => "nothing can be said of every promise: too much was void, too few faults came about, or the run was stopped",
-        _ if judgement.done < judgement.planned => "no promise was broken so far",
-        _ if !judgement.has_promises() => "no promise was judged",
-        _ => "every promise held",
+        1 => "a promise was broken".to_string(),
+        3 => format!("nothing can be said of: {}", unknown(judgement)),
+        _ if judgement.done < judgement.planned => "no promise was broken so far".into(),
+        _ if !judgement.has_promises() => "no promise was judged".into(),
+        _ => "every promise held".into(),
     };
-    let _ = writeln!(text, "{end}; {:.1} % of the faults without a verdict", 100.0 * judgement.void_share);
+    let _ = writeln!(text, "\n{end}; {:.1} % of the faults without a verdict", 100.0 * judgement.void_share);
+    list(&mut text, "what to do next", &advice(judgement));
     text
+}
+
+/// A heading with its lines, if there are any.
+fn list(text: &mut String, heading: &str, lines: &[String]) {
+    if !lines.is_empty() {
+        let _ = writeln!(text, "\n{heading}");
+    }
+    for line in lines {
+        let _ = writeln!(text, "- {line}");
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::percentile;
+    use super::{percentile, shortened};
+
+    /// Of 144 faults that others could die of a report had 700 lines, and its verdict stood below them.
+    #[test]
+    fn a_list_of_hundreds_is_shortened_and_says_by_how_many() {
+        let lines = |count: usize| (0..count).map(|line| line.to_string()).collect::<Vec<_>>();
+        assert_eq!(shortened(&lines(6)), lines(6));
+        assert_eq!(shortened(&lines(300))[5..], ["5".to_string(), "… and 294 more, in report.json".into()]);
+    }
 
     #[test]
     fn percentiles_by_hand() {

@@ -20,21 +20,40 @@ pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
 }
 
 /// Why a bound within the limit holds nothing: the faults and their controls are not alike but for the fault, or the faults not independent.
-fn unlike(figures: &Figures, limit: f64) -> Option<String> {
-    // A kind that stalls the kernel is not held by leaving out what it stalls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unlike {
+    /// More void ticks are late in windows than in controls: a kind that stalls the kernel is not held by leaving out what it stalls.
+    Stalls,
+    /// The controls lose more.
+    Controls,
+    /// Those whose controls began in the same state do not hold the limit alone.
+    States,
+    /// Those that differ from their controls lie together in this station.
+    Together(usize),
+}
+
+impl Unlike {
+    fn words(self) -> String {
+        match self {
+            Unlike::Stalls => "more void ticks are late in the faults' windows than in their controls".into(),
+            Unlike::Controls => "the controls lose more than the windows with a fault: they are not alike".into(),
+            Unlike::States => "those whose controls began in the same state do not hold the limit alone".into(),
+            Unlike::Together(station) => {
+                format!("those that differ from their controls lie together, most of them in station {station}")
+            }
+        }
+    }
+}
+
+/// Which of these keeps figures from holding a limit.
+pub fn unlike(figures: &Figures, limit: f64) -> Option<Unlike> {
     let stalls = figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit);
     let alike = figures.excess_alike.filter(|alike| least_faults(limit).is_some_and(|least| alike.faults >= least));
     match () {
-        () if stalls => Some("more void ticks are late in the faults' windows than in their controls".into()),
-        () if figures.excess.is_some_and(|excess| excess.upper95 < 0.0) => {
-            Some("the controls lose more than the windows with a fault: they are not alike".into())
-        }
-        () if alike.is_some_and(|alike| alike.upper95 > limit) => {
-            Some("those whose controls began in the same state do not hold the limit alone".into())
-        }
-        () => figures
-            .together_in
-            .map(|station| format!("those that differ from their controls lie together, most of them in station {station}")),
+        () if stalls => Some(Unlike::Stalls),
+        () if figures.excess.is_some_and(|excess| excess.upper95 < 0.0) => Some(Unlike::Controls),
+        () if alike.is_some_and(|alike| alike.upper95 > limit) => Some(Unlike::States),
+        () => figures.together_in.map(Unlike::Together),
     }
 }
 
@@ -52,9 +71,9 @@ fn said(of: &str, excess: &Excess) -> String {
 pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
     figures.limit_upper95 = limit;
     let is_wrong = is_cell && !figures.reasons.is_empty();
-    // What is only done from outside need not be noticed; that it was not is said.
-    let is_silent = is_cell && figures.done() > figures.unnoticed.len() && figures.manifested == 0;
     let done = figures.done();
+    // What is only done from outside need not be noticed; that it was not is said.
+    let is_silent = is_cell && done > 0 && figures.manifested == 0 && figures.unnoticed.is_empty();
     let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
     let is_half_judged = is_cell && done >= LEAST_DONE && 2 * figures.without_verdict > done;
     figures.verdict = match (limit, figures.excess) {
@@ -81,7 +100,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         figures.reasons.push(format!("{said_of_all}, limit {limit}"));
         figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
         figures.reasons.extend(figures.excess_alike.map(|excess| said("of those with a control in the same state", &excess)));
-        figures.reasons.extend(unlike(&figures, limit));
+        figures.reasons.extend(unlike(&figures, limit).map(Unlike::words));
     }
     if let (None, Verdict::Broken, Some(excess)) = (limit, figures.verdict, figures.excess.filter(|_| !is_wrong)) {
         figures.reasons.push(said("beyond doubt above its pool's limit, faults with excess misses, per fault", &excess));
@@ -97,7 +116,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         figures.reasons.push("none of its faults showed: it proves nothing".into());
     } else if is_cell && done > 0 && figures.manifested == 0 && arm.judged {
         // It breaks nothing, and passes for nothing either.
-        figures.reasons.push(format!("nobody noticed any of its {done} faults: it proves nothing"));
+        figures.reasons.push(format!("nobody noticed any of its {} faults: it proves nothing", figures.unnoticed.len()));
     }
     let surplus = figures.reasons.len().saturating_sub(MOST_REASONS);
     if surplus > 0 {
