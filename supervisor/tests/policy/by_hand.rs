@@ -1,7 +1,7 @@
 //! Single histories whose end is known: who comes back when, who is given up, who goes first.
 
 use super::*;
-use hystation::policy::{Cause, VACATE_WITHIN_NS};
+use hystation::policy::{Cause, Reason, VACATE_WITHIN_NS};
 
 fn alive(slot: Slot) -> (World, State) {
     let mut state = State::new(&[slot]);
@@ -364,7 +364,7 @@ fn one_that_still_warms_when_it_is_adopted_takes_no_role_and_a_station_that_ran_
 
 /// A swap waited for ever for an old engine that a disk keeps, and no other could begin.
 #[test]
-fn an_old_engine_that_does_not_end_keeps_its_place_and_its_swap_is_undone() {
+fn an_engine_that_does_not_end_keeps_its_place_and_its_swap_is_over() {
     let slot = Slot::first(Role::Recorder);
     let mut state = State::new(&[slot]);
     step(0, Event::Started { adopted: vec![(slot, 1)], warming: Vec::new() }, &mut state);
@@ -379,4 +379,17 @@ fn an_old_engine_that_does_not_end_keeps_its_place_and_its_swap_is_undone() {
     assert!(is_undone && state.may_swap(slot).is_ok(), "{undone:?}");
     let died = step(3 + VACATE_WITHIN_NS, Event::Died { slot, incarnation: 1, exit: Exit::Signal(9) }, &mut state);
     assert_eq!(died, [Action::MarkDead { slot, incarnation: 1 }, Action::Spawn { slot }], "another of its own kind");
+    // Its newcomer, which is told to go and does not.
+    step(4 + VACATE_WITHIN_NS, Event::Spawned { slot, incarnation: 2 }, &mut state);
+    let mut now_ns = 5 + VACATE_WITHIN_NS;
+    step(now_ns, Event::Ready { slot, incarnation: 2 }, &mut state);
+    step(now_ns, Event::SwapAsked { slot, incumbent: 2 }, &mut state);
+    step(now_ns, Event::Died { slot, incarnation: 2, exit: Exit::Signal(9) }, &mut state);
+    step(now_ns, Event::Spawned { slot, incarnation: 3 }, &mut state);
+    step(now_ns, Event::Ready { slot, incarnation: 3 }, &mut state);
+    let told = step(now_ns, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "off") }, &mut state);
+    assert_eq!(told.last(), Some(&Action::Dismiss { slot, incarnation: 3 }));
+    now_ns += LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
+    assert_eq!(step(now_ns, Event::Tick, &mut state), []);
+    assert_eq!(step(now_ns + 1, Event::Tick, &mut state), [Action::EndSwap { role: Role::Recorder, promoted: false }]);
 }

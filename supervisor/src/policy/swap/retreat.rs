@@ -1,7 +1,7 @@
 //! A swap that is undone: the old engine has the role again, and the newcomer goes. It is not told to go while it does the work and nobody else
-//! is ready, but for a bounded time.
+//! is ready, but for a bounded time. One that does not end in a place of its own is not waited for, either: whenever it does, another of the old kind follows it.
 
-use super::{Stage, Swap, tend};
+use super::{Stage, Swap, VACATE_WITHIN_NS, tend};
 use crate::policy::{Action, LEAVE_WITHIN_NS, Life, Reason, State};
 use hyst_messages::Slot;
 
@@ -33,11 +33,12 @@ pub(super) fn retreated(slot: Slot, state: &mut State) -> Vec<Action> {
 
 /// What is next: the role goes back to an elder, and the newcomer goes.
 pub(super) fn next(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> {
-    let (slot, role) = (swap.slot, swap.role());
+    let (slot, role, passed_ns) = (swap.slot, swap.role(), now_ns.saturating_sub(swap.since_ns));
+    let is_waited_for = slot.is_guest() || passed_ns <= LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
     let incarnation = match state.places.get(&slot).map_or(Life::Closed, |place| place.life) {
-        Life::Alive { .. } | Life::Spawning if swap.dismissed => return Vec::new(), // its death ends this
+        Life::Alive { .. } | Life::Spawning if swap.dismissed && is_waited_for => return Vec::new(), // its death ends this
         Life::Spawning if slot.is_guest() => return Vec::new(),
-        Life::Alive { incarnation, .. } if slot.is_guest() || incarnation == swap.incarnation => incarnation,
+        Life::Alive { incarnation, .. } if !swap.dismissed && (slot.is_guest() || incarnation == swap.incarnation) => incarnation,
         _ => {
             state.swap = None;
             return vec![Action::EndSwap { role, promoted: false }];
@@ -46,7 +47,7 @@ pub(super) fn next(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> {
     let elder = state.elder(slot, swap.incumbent);
     let holds = slot.is_guest() && state.holder(role) == incarnation;
     let works = holds || (!slot.is_guest() && role.is_replicated() && state.is_ready(slot));
-    if works && elder.is_none() && now_ns.saturating_sub(swap.since_ns) < LEAVE_WITHIN_NS {
+    if works && elder.is_none() && passed_ns < LEAVE_WITHIN_NS {
         return Vec::new();
     }
     if let Some(swap) = &mut state.swap {
