@@ -81,6 +81,6 @@ mod tests {
         }
         let mut alone = start();
         alone.kill().unwrap();
-        assert!(reap_within(alone.id(), HANG_NS) && !of(alone.id()).exists());
+        assert!(reap_within(alone.id(), HANG_NS) && alone.wait().is_err(), "nobody is left to be waited for");
     }
 }
