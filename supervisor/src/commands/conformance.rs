@@ -160,6 +160,11 @@ impl Private<'_> {
 
 impl Drop for Private<'_> {
     fn drop(&mut self) {
+        if self.is_given_up() && matches!(self.child.try_wait(), Ok(None)) {
+            // At whatever moment that is: its guardian knows what it has begun.
+            crate::proc::signal(self.child.id(), rustix::process::Signal::INT);
+            let _ = crate::proc::await_end(&mut self.child, ENDS_WITHIN_NS);
+        }
         let _ = super::stop::stop(&self.station); // gone is as good
         let _ = crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS); // one that does not end is killed
     }
