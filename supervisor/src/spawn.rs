@@ -4,11 +4,14 @@
 //! The services of an incarnation exist before its process does, and the supervisor holds them while it lives, so that a process that
 //! dies while it starts cannot leave a service half-made.
 
+mod seat;
+
 use crate::intent::{Deed, Intent, Mortality};
 use crate::limits::Limits;
 use crate::plan::{Plan, PlanError};
 use crate::policy::Exit;
 use crate::proc;
+use crate::remains::Living;
 use crate::watch::Ward;
 use hyst_exchange::page::PageError;
 use hyst_exchange::rendezvous::HeldRendezvous;
@@ -17,6 +20,7 @@ use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
 use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
+use seat::Seat;
 use std::collections::BTreeMap;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
@@ -82,50 +86,6 @@ pub fn start_as_begun(station: &Station, command: &mut Command, priority: Option
 /// How often the guardian is asked again how a process ended that it has reaped and not told of yet, and the time between, ns.
 const MOST_ASKED_OF_GUARDIAN: u32 = 10;
 const BETWEEN_ASKED_NS: u64 = 500_000;
-
-/// What the station page says of who is in a slot, in words that nobody else writes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Seat {
-    incarnation: u32,
-    pid: u32,
-    start: u64,
-}
-
-impl Seat {
-    fn is_said(self, page: &OwnedPage, slot: Slot) -> bool {
-        let at = slot.number();
-        let said = Seat {
-            incarnation: page.load32(layout::SLOT_INCARNATION + at),
-            pid: page.load32(layout::SLOT_PID + at),
-            start: page.load64(layout::SLOT_START + at),
-        };
-        said == self
-    }
-
-    /// Nobody is there in between: who died there must not be taken for alive.
-    fn say(self, page: &OwnedPage, slot: Slot) {
-        let at = slot.number();
-        page.store32(layout::SLOT_INCARNATION + at, 0);
-        page.store64(layout::SLOT_START + at, self.start);
-        page.store32(layout::SLOT_PID + at, self.pid);
-        page.store32(layout::SLOT_DEAD + at, 0);
-        page.store32(layout::SLOT_INCARNATION + at, self.incarnation);
-        page.bump_and_wake(layout::CHANGES);
-    }
-
-    /// Writes anew what is not said of one who lives; gives whether it had to.
-    fn mend(self, page: &OwnedPage, slot: Slot) -> bool {
-        let at = slot.number();
-        if self.is_said(page, slot) || page.load32(layout::SLOT_DEAD + at) != 0 {
-            return false;
-        }
-        page.store64(layout::SLOT_START + at, self.start);
-        page.store32(layout::SLOT_PID + at, self.pid);
-        page.store32(layout::SLOT_INCARNATION + at, self.incarnation);
-        page.bump_and_wake(layout::CHANGES);
-        true
-    }
-}
 
 /// Starts and buries incarnations.
 #[derive(Debug)]
@@ -235,6 +195,11 @@ impl Spawner {
     /// adopted, by a wrong incarnation everybody takes it for another. Gives where it had to.
     pub fn mend_seats(&self) -> Vec<Slot> {
         self.seats.iter().filter(|(slot, seat)| seat.mend(&self.page, **slot)).map(|(slot, _)| *slot).collect()
+    }
+
+    /// The process that was entered or adopted as this incarnation, if it lives: whatever the station page says of it by now.
+    pub fn living(&self, slot: Slot, incarnation: u32) -> Option<Living> {
+        self.seats.get(&slot).filter(|seat| seat.incarnation == incarnation)?.living(slot)
     }
 
     fn watch(&self, slot: Slot, incarnation: u32, pid: u32, spawned_ns: u64) -> Result<Ward, SpawnError> {
@@ -352,34 +317,5 @@ fn exit_of(status: i32) -> Exit {
         (Some(code), _) => Exit::Code(code),
         (None, Some(signal)) => Exit::Signal(signal),
         (None, None) => Exit::Unknown,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::faults::tests::book;
-
-    /// With a flipped bit in a process id an engine could not be ended, hurt or adopted for the rest of the session, and its pid was shown wrong.
-    #[test]
-    fn what_the_page_no_longer_says_of_who_lives_is_written_anew_and_of_the_dead_nothing() {
-        let (station, _faults) = book("seats");
-        let page = station.open_for_keeping().unwrap();
-        let (slot, at) = (Slot::first(Role::Rendering), Slot::first(Role::Rendering).number());
-        let seat = Seat { incarnation: 9, pid: 4711, start: 815 };
-        seat.say(&page, slot);
-        assert!(seat.is_said(&page, slot) && !seat.mend(&page, slot), "as it was entered");
-        let damages: [&dyn Fn(&OwnedPage); 3] = [
-            &|page| page.store32(layout::SLOT_PID + at, 4711 ^ 64),
-            &|page| page.store64(layout::SLOT_START + at, 815 ^ (1 << 40)),
-            &|page| page.store32(layout::SLOT_INCARNATION + at, 9 ^ 2),
-        ];
-        for damage in damages {
-            damage(&page);
-            assert!(!seat.is_said(&page, slot) && seat.mend(&page, slot) && seat.is_said(&page, slot));
-        }
-        page.store32(layout::SLOT_DEAD + at, 1);
-        page.store32(layout::SLOT_PID + at, 0);
-        assert!(!seat.mend(&page, slot), "who is dead is nobody's victim");
     }
 }

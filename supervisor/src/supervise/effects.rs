@@ -42,11 +42,10 @@ impl Supervisor {
                     self.act(vec![Action::Kill { slot, incarnation }]);
                 }
                 Action::Kill { slot, incarnation } => {
-                    // By id and start: the page may be damaged, and an id alone may be that of somebody else.
-                    if self.viewer.page().incarnation(slot) == incarnation
-                        && !self.viewer.page().is_dead(slot)
+                    // By the id and start that it was entered with: the page may be damaged, and an id alone may be that of somebody else.
+                    if !self.viewer.page().is_dead(slot)
                         && slot.role() != Role::Hardware
-                        && let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number())
+                        && let Some(living) = self.spawner.living(slot, incarnation)
                     {
                         let deed = match () {
                             () if self.dismissed.contains(&incarnation) => Deed::Dismiss,
