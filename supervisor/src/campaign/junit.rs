@@ -1,5 +1,6 @@
 //! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
 
+use super::advice::advice;
 use super::judge::{Figures, Judgement, Verdict};
 use super::text::{self, counts, times};
 use hyst_assessment::escape;
@@ -87,7 +88,10 @@ fn properties(list: &Properties) -> String {
 /// What holds of the campaign as a whole.
 fn of_all(judgement: &Judgement) -> Vec<(&'static str, String)> {
     let origins = judgement.origins.iter().map(|batch| ("runs", batch.words()));
-    [("seed", judgement.seed.to_string()), ("faults", judgement.done.to_string())].into_iter().chain(origins).collect()
+    let few = judgement.few.iter().map(|line| ("showed_fewer_than_twenty_times", line.clone()));
+    let next = advice(judgement).into_iter().map(|line| ("what_to_do_next", line));
+    let run = [("seed", judgement.seed.to_string()), ("faults", judgement.done.to_string())];
+    run.into_iter().chain(origins).chain(few).chain(next).collect()
 }
 
 /// The figures of a cell or a pool.
