@@ -9,16 +9,33 @@ use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicU32;
 
+/// Unit in which the kernel tells when a process was started, ns: 100 to the second wherever it runs.
+const START_UNIT_NS: u64 = 10_000_000;
+
 /// CLOCK_MONOTONIC in nanoseconds.
 pub fn now_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+    read_ns(ClockId::Monotonic)
 }
 
 /// Processor time of the calling thread, ns.
 pub fn thread_ns() -> u64 {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
+    read_ns(ClockId::ThreadCPUTime)
+}
+
+fn read_ns(clock: ClockId) -> u64 {
+    let now = clock_gettime(clock);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// When a process began that has this start time ([`process_start`]), on CLOCK_MONOTONIC, ns. The kernel tells it on a clock that goes on while the machine
+/// sleeps, which that one does not. Of a process that has slept with it this is too early by as much.
+pub fn started_ns(start: u64) -> u64 {
+    let boot_ns = read_ns(ClockId::Boottime);
+    on_monotonic(start, boot_ns, now_ns())
+}
+
+fn on_monotonic(start: u64, boot_ns: u64, now_ns: u64) -> u64 {
+    start.saturating_mul(START_UNIT_NS).saturating_sub(boot_ns.saturating_sub(now_ns))
 }
 
 fn timespec(time_ns: u64) -> Timespec {
@@ -282,6 +299,17 @@ mod tests {
         let until = now_ns() + 2_000_000;
         sleep_until_ns(until);
         assert!(now_ns() >= until);
+    }
+
+    /// On a laptop that had slept since it was started every process seemed to begin in the future.
+    #[test]
+    fn a_process_begins_before_now_also_on_a_machine_that_has_slept() {
+        const S: u64 = 1_000_000_000;
+        assert_eq!(on_monotonic(12_345, 200 * S, 200 * S), 123 * S + S / 100 * 45, "it never slept");
+        assert_eq!(on_monotonic(360_100, 3_610 * S, 110 * S), 101 * S, "it slept for 3 500 s before that");
+        assert_eq!((on_monotonic(0, 90 * S, 5 * S), on_monotonic(100, 5 * S, 6 * S)), (0, S));
+        let began_ns = started_ns(process_start(std::process::id()).unwrap());
+        assert!(began_ns <= now_ns(), "{began_ns}");
     }
 
     #[test]
