@@ -1,13 +1,16 @@
-//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, memory lock, core, room on a disk.
+//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, room on a disk; what is locked is in [`crate::locking`], and the
+//! cores are in [`crate::cores`].
 //!
 //! Promise: what is refused by the machine is reported, never assumed. Times are CLOCK_MONOTONIC nanoseconds.
 
-use rustix::thread::{CpuSet, futex, sched_getaffinity, sched_setaffinity};
+use rustix::thread::futex;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::num::NonZeroU32;
 use std::path::Path;
-use std::sync::OnceLock;
 use std::sync::atomic::AtomicU32;
+
+pub use crate::cores::{core_number, cores, keep_off, pin_to_core, places, unpin};
+pub use crate::locking::lock_memory;
 
 /// Unit in which the kernel tells when a process was started, ns: 100 to the second wherever it runs.
 const START_UNIT_NS: u64 = 10_000_000;
@@ -97,14 +100,6 @@ impl RealTime {
     pub fn word(self) -> u64 {
         self.fifo as u64 | (self.locked as u64) << 1 | (self.pinned as u64) << 2
     }
-}
-
-/// Locks the memory of the process: all that it has mapped, and of what it maps later each page when it is first touched. The kernel would touch a mapping as
-/// a whole under the lock of the memory map; when a real-time thread then had to unmap something it waited for that, up to 100 ms for a stream of 50 MB
-/// that an ordinary thread mapped (2-core VM, 2026-11-23). False where RLIMIT_MEMLOCK forbids it.
-pub fn lock_memory() -> bool {
-    use rustix::mm::{MlockAllFlags, mlockall};
-    mlockall(MlockAllFlags::CURRENT).is_ok() && mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).is_ok()
 }
 
 /// Brings so many bytes from an address on into the memory map, for reading. Not on a real-time thread.
@@ -199,52 +194,6 @@ pub fn set_niceness(nice: i32) -> bool {
     // One that has ended since then needs no place.
     ids.map(|id| rustix::process::setpriority_process(Some(id), nice))
         .all(|set| matches!(set, Ok(()) | Err(rustix::io::Errno::SRCH)))
-}
-
-/// The cores that this process may use, as they were when it first asked: a thread that is tied to one of them sees only that one from then on.
-struct Cores {
-    allowed: CpuSet,
-    count: usize,
-}
-
-fn own_cores() -> &'static Cores {
-    static CORES: OnceLock<Cores> = OnceLock::new();
-    CORES.get_or_init(|| Cores {
-        allowed: sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new()),
-        count: std::thread::available_parallelism().map_or(1, usize::from),
-    })
-}
-
-/// The machine's number of the core that is the `index`th of those that this process may use.
-fn number_of(index: usize) -> Option<usize> {
-    let allowed = &own_cores().allowed;
-    (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(index)
-}
-
-/// Ties the calling thread to a core, by its index among those that this process may use. False where there is none.
-pub fn pin_to_core(index: usize) -> bool {
-    let Some(core) = number_of(index) else { return false };
-    let mut one = CpuSet::new();
-    one.set(core);
-    sched_setaffinity(None, &one).is_ok()
-}
-
-/// Keeps the calling thread, and those that it will start, off a core, by the same index. False where no other is left.
-pub fn keep_off(index: usize) -> bool {
-    let Some(core) = number_of(index) else { return false };
-    let mut others = own_cores().allowed;
-    others.unset(core);
-    others.count() > 0 && sched_setaffinity(None, &others).is_ok()
-}
-
-/// Gives the calling thread all cores back that this process may use. False where that is refused.
-pub fn unpin() -> bool {
-    sched_setaffinity(None, &own_cores().allowed).is_ok()
-}
-
-/// Number of cores that this process may use, whatever the calling thread is tied to.
-pub fn cores() -> usize {
-    own_cores().count
 }
 
 /// User id, which is part of the station's root.
@@ -357,23 +306,6 @@ mod tests {
         .unwrap();
         assert_eq!((started, after), (if fifo { 3 } else { 0 }, 0));
         assert_eq!(own_priority(), if fifo { 2 } else { 0 });
-    }
-
-    #[test]
-    fn a_thread_that_is_tied_to_a_core_still_knows_how_many_there_are_and_is_freed_again() {
-        let count = cores();
-        let of_this_thread = || std::thread::available_parallelism().map_or(0, usize::from);
-        std::thread::spawn(move || {
-            assert!(pin_to_core(count - 1) && !pin_to_core(CpuSet::MAX_CPU));
-            assert_eq!((of_this_thread(), cores()), (1, count));
-            assert!(unpin());
-            assert_eq!(of_this_thread(), count);
-            assert_eq!(keep_off(0), count > 1, "another core is left");
-            assert_eq!(of_this_thread(), (count - 1).max(1));
-            assert!(!keep_off(CpuSet::MAX_CPU) && unpin());
-        })
-        .join()
-        .unwrap();
     }
 
     #[test]
