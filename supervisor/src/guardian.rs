@@ -23,7 +23,7 @@ use crate::plan::Plan;
 use crate::recording::{self, RecordingView, folder};
 use crate::remains;
 use crate::report;
-use crate::settings::{Refusal, prepare};
+use crate::settings::{Refusal, prepare, why_headless};
 use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, TEST_MODE, Viewer, table};
@@ -117,7 +117,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let bell = Bell::new(hears && std::io::stderr().is_terminal());
     let mut guardian = Guardian::new(station, name, ground, draw, bell)?;
     if settings.headless && !args.station.headless {
-        guardian.tell("there is no display: the station runs headless; set DISPLAY to see a window");
+        guardian.tell(why_headless());
     }
     if let Some(file) = recording::file_of(&guardian.station).filter(|_| in_folder) {
         guardian.tell(&format!("recording into {}", file.display()));
