@@ -26,6 +26,7 @@ use crate::report;
 use crate::settings::{Refusal, prepare, why_headless};
 use crate::spawn::note_exit;
 use crate::supervise::register;
+use crate::terminal::{self, Size};
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use bell::Bell;
 use ended::{count_leftovers, judge, recorded, remove_unbegun};
@@ -111,7 +112,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let wanted = Wanted { settings: &settings, in_folder, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
-    let draw = std::io::stdout().is_terminal() && !args.quiet;
+    let draw = terminal::can_be_drawn_on() && !args.quiet;
     // On a virtual clock nobody's hand is to be warned.
     let hears = !args.quiet && !settings.lockstep && settings.switch("sound", true).unwrap_or(true);
     let bell = Bell::new(hears && std::io::stderr().is_terminal());
@@ -387,7 +388,6 @@ const SHOWN_LINES: usize = 8;
 fn screen(view: &StationView, case: Vec<String>, lines: &mut Vec<String>) -> String {
     let surplus = lines.len().saturating_sub(SHOWN_LINES);
     lines.drain(..surplus);
-    let case: String = case.iter().map(|line| format!("{line}\n")).collect();
-    let text = format!("{}\n{case}{}\nCtrl-C stops the station and removes everything.\n", table(view), lines.join("\n"));
-    format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
+    let above = format!("{}\n{}", table(view), case.join("\n"));
+    terminal::screen(&above, lines, "Ctrl-C stops the station and removes everything.\n", Size::now())
 }
