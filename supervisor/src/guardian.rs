@@ -38,6 +38,7 @@ use hyst_messages::{Role, SLOTS, Slot};
 use kept::Kept;
 use order::Order;
 use printer::Printer;
+pub use room::size_for;
 use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
 use session::Session;
 use std::io::IsTerminal;
