@@ -82,6 +82,11 @@ impl<'a> Text<'a> {
         Text { bytes, at: 0, line, comment, ends_with: "the end of the file" }
     }
 
+    /// Bytes before this place.
+    pub fn at(&self) -> usize {
+        self.at
+    }
+
     pub fn place(&self) -> Place {
         Place::Line(self.line)
     }

@@ -3,6 +3,7 @@
 pub(crate) mod builder;
 pub(crate) mod gmsh;
 pub(crate) mod gmsh4;
+mod gmsh_binary;
 pub(crate) mod medit;
 pub(crate) mod obj;
 pub(crate) mod tetgen;
