@@ -1,8 +1,8 @@
-//! The terminal, as one draws on it again and again. A line that is longer than it is wide takes two of its rows, and a text that is taller scrolls it: drawn over
-//! twice a second, that leaves neither a table nor what stood above it.
+//! The terminal, as one draws on it again and again. A line that is longer than it is wide takes two of its rows, and a text that is taller scrolls it: drawn
+//! over twice a second, that leaves neither a table nor what stood above it.
 //!
-//! Promise: what is drawn fits, and says where a line was cut, so that no part of a number is taken for the whole one. A terminal that does not say how large it
-//! is has room for everything.
+//! Promise: what is drawn fits, and says where a line was cut, so that no part of a number is taken for the whole one. A terminal that does not say how large
+//! it is has room for everything.
 
 use std::io::IsTerminal;
 

@@ -1,8 +1,8 @@
 //! The lane of a lock-step station: the core on which all those run who step one after the other, since a wake on another core costs several times what one
 //! on the own does. The sequencer takes it and says in the station's page which it is; everyone else follows.
 //!
-//! Promise: no two stations of a machine share a lane, whichever cores each of them may use. Who has it holds a name of the kernel's (an abstract socket), which
-//! ends with its process and leaves nothing behind. A station that finds no core free runs wherever the kernel puts it; what it computes is the same.
+//! Promise: no two stations of a machine share a lane, whichever cores each of them may use. Who has it holds a name of the kernel's (an abstract socket),
+//! which ends with its process and leaves nothing behind. A station that finds no core free runs wherever the kernel puts it; what it computes is the same.
 
 use crate::life::Life;
 use hyst_exchange::system;

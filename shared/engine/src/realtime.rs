@@ -45,8 +45,8 @@ pub fn priority(role: Role) -> Option<i32> {
     }
 }
 
-/// The core of a slot, by its index among so many: the replicas of a role lie on different cores where there are two, and from four cores on a tissue on none of
-/// the hand's. `None` leaves the choice to the kernel.
+/// The core of a slot, by its index among so many: the replicas of a role lie on different cores where there are two, and from four cores on a tissue on none
+/// of the hand's. `None` leaves the choice to the kernel.
 pub fn core(slot: Slot, cores: usize) -> Option<usize> {
     let cores = cores.max(1);
     match slot.role() {

@@ -1,5 +1,5 @@
-//! The cores that this process may use, by an index: 0 is the first that a real-time thread is tied to. The kernel's numbers say little about which those should
-//! be: 0 and 1 are often two threads of one core, the fast cores of a hybrid processor may be any of them, and a control group or `taskset` leaves 5 and 7.
+//! The cores that this process may use, by an index: 0 is the first that a real-time thread is tied to. The kernel's numbers say little about which those
+//! should be: 0 and 1 are often two threads of one core, the fast cores of a hybrid processor may be any of them, and a control group or `taskset` leaves 5 and 7.
 //!
 //! Promise: fast cores come before slow ones, a core's first thread before its second, those of the first one's memory before others; what the kernel does not
 //! say makes no difference. A thread that is tied to a core still knows them all.
@@ -10,8 +10,8 @@ use std::sync::OnceLock;
 
 /// Where the kernel describes its cores.
 const CPUS: &str = "/sys/devices/system/cpu";
-/// A core of less than this part of the fastest one's speed is a slow one. The small cores of hybrid processors have 0.4 to 0.8 of it; between the large ones of
-/// a processor, some of which its maker lets run a little faster than others, lie a few hundredths.
+/// A core of less than this part of the fastest one's speed is a slow one. The small cores of hybrid processors have 0.4 to 0.8 of it; between the large ones
+/// of a processor, some of which its maker lets run a little faster than others, lie a few hundredths.
 const SLOW: f64 = 0.85;
 
 /// What the kernel says of a core.

@@ -6,8 +6,8 @@
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 
-/// What a process may map beside what it has when it asks, bytes: the streams of all newcomers of a session's largest organ, and what the allocator sets aside for
-/// each thread.
+/// What a process may map beside what it has when it asks, bytes: the streams of all newcomers of a session's largest organ, and what the allocator sets aside
+/// for each thread.
 pub const HEADROOM_BYTES: u64 = 1 << 30;
 /// What it needs at least, bytes: the first thread's stack, which is locked, grows up to 8 MiB.
 const STACK_BYTES: u64 = 16 << 20;

@@ -1,5 +1,5 @@
-//! Promise: the same two tets come out of Gmsh's binary files, in either byte order, as out of its text; and no damage to one panics or is read as something else
-//! than a mesh.
+//! Promise: the same two tets come out of Gmsh's binary files, in either byte order, as out of its text; and no damage to one panics or is read as something
+//! else than a mesh.
 
 use hyst_mesh::*;
 

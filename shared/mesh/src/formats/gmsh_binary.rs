@@ -1,7 +1,8 @@
-//! Gmsh's binary mesh files, versions 2.x and 4.1: sections with names of text, and in them numbers as the machine that wrote them has them, in either byte order.
+//! Gmsh's binary mesh files, versions 2.x and 4.1: sections with names of text, and in them numbers as the machine that wrote them has them, in either byte
+//! order.
 //!
-//! Follows the file format chapter of the Gmsh reference manual. What is read of them is what [`gmsh`](super::gmsh) reads of the same file as text; sections that
-//! are not read are passed over to their ends.
+//! Follows the file format chapter of the Gmsh reference manual. What is read of them is what [`gmsh`](super::gmsh) reads of the same file as text; sections
+//! that are not read are passed over to their ends.
 
 use super::builder::Builder;
 use super::gmsh::{CURE, Version, is_other_volume, is_tet};
