@@ -1,8 +1,9 @@
-//! What the machine computes with: its processor, the cores and the memory that a container or a service leaves of it, and calls of the kernel without which no
-//! station is kept.
+//! What the machine computes with: its processor, the cores and the memory that a container or a service leaves of it; and what of the kernel and its network a
+//! station cannot do without.
 
 use super::{Finding, Machine};
 use hyst_exchange::system;
+use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 
 /// What a station should find free, bytes: twice what one of the default scene takes (docs/speed.md).
@@ -12,7 +13,7 @@ const WANTED: [&str; 7] = ["avx", "avx2", "fma", "bmi1", "bmi2", "abm", "popcnt"
 
 /// All of them, in the order in which they are read.
 pub fn findings(machine: &Machine) -> Vec<Finding> {
-    vec![processor(machine), cores(machine, system::places()), memory(machine), calls(holds_itself())]
+    vec![processor(machine), cores(machine, system::places()), memory(machine), calls(holds_itself()), page(listens())]
 }
 
 /// Whether the steps are computed with the instructions that they are measured with.
@@ -121,6 +122,23 @@ fn calls(held: Result<(), String>) -> Finding {
     }
 }
 
+/// Whether the operator's page can be listened for; else what the system says.
+fn listens() -> Result<(), String> {
+    TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map(drop).map_err(|error| error.to_string())
+}
+
+fn page(listened: Result<(), String>) -> Finding {
+    const WHAT: &str = "operator's page";
+    match listened {
+        Ok(()) => Finding::good(WHAT, "127.0.0.1 has a port for it"),
+        Err(error) => Finding::weak(
+            WHAT,
+            format!("127.0.0.1 has no port ({error}): there is none, and nobody judges a case"),
+            "bring the loopback interface up: `ip link set lo up`; else run with --set console=off",
+        ),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -197,12 +215,14 @@ mod tests {
     }
 
     #[test]
-    fn a_kernel_or_a_container_that_refuses_a_call_is_told_and_this_one_holds_its_own_process() {
+    fn what_a_kernel_or_a_container_refuses_is_told_and_this_one_holds_its_own_process() {
         assert_says(
             &calls(Err("Operation not permitted".into())),
             State::Bad,
             &["pidfd_open: Operation not", "Linux 5.3", "seccomp"],
         );
         assert_says(&calls(holds_itself()), State::Good, &["descriptors"]);
+        assert_says(&page(Err("Cannot assign".into())), State::Weak, &["no port (Cannot assign)", "ip link set lo up"]);
+        assert_says(&page(Ok(())), State::Good, &["127.0.0.1"]);
     }
 }
