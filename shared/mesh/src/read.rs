@@ -10,7 +10,7 @@ use crate::types::{TetMesh, TriangleMesh};
 pub enum Format {
     /// Gmsh, versions 1, 2.x, 4.0 and 4.1; in binary 2.x and 4.1.
     Gmsh,
-    /// VTK legacy, ASCII.
+    /// VTK legacy, ASCII or binary.
     VtkLegacy,
     /// VTK XML unstructured grid.
     VtkXml,

@@ -82,6 +82,16 @@ impl<'a> Text<'a> {
         Text { bytes, at: 0, line, comment, ends_with: "the end of the file" }
     }
 
+    /// The next bytes as they are, whatever they mean.
+    pub fn raw(&mut self, count: usize, what: &str) -> Result<&'a [u8], ReadError> {
+        let taken = self.bytes[self.at..].get(..count).ok_or_else(|| {
+            let cure = "the file is cut short: copy or export it again";
+            ReadError::new(ReadErrorKind::Truncated, Place::Byte(self.at), "the end of the file", what, cure)
+        })?;
+        self.at += count;
+        Ok(taken)
+    }
+
     /// Bytes before this place.
     pub fn at(&self) -> usize {
         self.at

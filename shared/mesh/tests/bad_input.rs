@@ -88,7 +88,7 @@ fn what_is_not_read_here_names_the_cure() {
     let cases: [(&str, &[u8], &str); 7] = [
         ("a.vtu", &appended, "Ascii"),
         ("a.vtu", compressed.as_bytes(), "Ascii"),
-        ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
+        ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBASE64\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
         ("a.msh", b"$MeshFormat\n4 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
         ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
         ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),

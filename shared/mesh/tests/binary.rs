@@ -1,5 +1,5 @@
-//! Promise: the same two tets come out of Gmsh's binary files, in either byte order, as out of its text; and no damage to one panics or is read as something
-//! else than a mesh.
+//! Promise: the same two tets come out of binary files as out of text, Gmsh's in either byte order and VTK's of before and since version 5; and no damage to
+//! one panics or is read as something else than a mesh.
 
 use hyst_mesh::*;
 
@@ -88,31 +88,82 @@ fn version_2_2() -> Vec<Part> {
     parts
 }
 
+const COORDINATES: &[f64] = &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+
+/// A field before the points, and a triangle between the tets.
+fn vtk_3() -> Vec<Part> {
+    vec![
+        Text(
+            "# vtk DataFile Version 3.0\nPOINTS in the title\nBINARY\nDATASET UNSTRUCTURED_GRID\nFIELD FieldData 1\nTIME 1 1 double\n",
+        ),
+        Reals(&[0.5]),
+        Text("\nPOINTS 5 double\n"),
+        Reals(COORDINATES),
+        Text("\nCELLS 3 14\n"),
+        Ints(&[4, 0, 1, 2, 3, 3, 0, 1, 2, 4, 1, 2, 3, 4]),
+        Text("\nCELL_TYPES 3\n"),
+        Ints(&[10, 5, 10]),
+        Text("\nCELL_DATA 3\nSCALARS a int\nLOOKUP_TABLE default\n"),
+        Ints(&[1, 2, 3]),
+    ]
+}
+
+fn vtk_5() -> Vec<Part> {
+    vec![
+        Text("# vtk DataFile Version 5.1\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"),
+        Reals(COORDINATES),
+        Text("\nMETADATA\nINFORMATION 0\n\nCELLS 3 8\nOFFSETS vtktypeint64\n"),
+        Sizes(&[0, 4, 8]),
+        Text("\nCONNECTIVITY vtktypeint64\n"),
+        Sizes(&[0, 1, 2, 3, 1, 2, 3, 4]),
+        Text("\nCELL_TYPES 2\n"),
+        Ints(&[10, 10]),
+        Text("\nCELL_DATA 2\n"),
+    ]
+}
+
+/// All files, by their names, with the regions that they name, and what comes after the last byte that none can do without.
+fn files() -> Vec<(&'static str, Vec<u8>, [u32; 2], &'static [u8])> {
+    let gmsh = [version_4_1(), version_2_2()].into_iter().flat_map(|parts| [false, true].map(|is_big| file(&parts, is_big)));
+    let vtk = [vtk_3(), vtk_5()].map(|parts| file(&parts, true));
+    let gmsh = gmsh.map(|bytes| ("a.msh", bytes, [11, 2], b"\n$EndElements".as_slice()));
+    gmsh.chain(vtk.map(|bytes| ("a.vtk", bytes, [0, 0], b"\nCELL_DATA".as_slice()))).collect()
+}
+
 #[test]
-fn a_binary_file_is_the_same_mesh_in_either_byte_order() {
-    for parts in [version_4_1(), version_2_2()] {
-        for is_big in [false, true] {
-            let mesh = read_tets("a.msh", &file(&parts, is_big)).unwrap_or_else(|error| panic!("big-endian {is_big}: {error}"));
-            assert_eq!((mesh.positions_m.as_slice(), mesh.tets.as_slice()), (&POSITIONS_M[..], &TETS[..]));
-            assert_eq!(mesh.regions, [11, 2]);
-        }
+fn a_binary_file_is_the_same_mesh_as_one_of_text() {
+    for (name, bytes, regions, _) in files() {
+        let mesh = read_tets(name, &bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!((mesh.positions_m.as_slice(), mesh.tets.as_slice()), (&POSITIONS_M[..], &TETS[..]), "{name}");
+        assert_eq!(mesh.regions, regions, "{name}");
     }
 }
 
 #[test]
+fn a_binary_surface_is_read_too() {
+    let parts = [
+        Text("# vtk DataFile Version 3.0\nt\nBINARY\nDATASET POLYDATA\nPOINTS 5 double\n"),
+        Reals(COORDINATES),
+        Text("\nPOLYGONS 1 5\n"),
+        Ints(&[4, 0, 1, 4, 2]),
+    ];
+    let surface = read_triangles("a.vtk", &file(&parts, true)).unwrap();
+    assert_eq!((surface.positions_m.as_slice(), surface.triangles), (&POSITIONS_M[..], vec![[0, 1, 4], [0, 4, 2]]));
+}
+
+#[test]
 fn a_binary_file_that_is_cut_short_is_an_error_and_no_byte_in_it_does_harm() {
-    for parts in [version_4_1(), version_2_2()] {
-        let whole = file(&parts, false);
-        let content = whole.windows(12).rposition(|piece| piece == b"$EndElements").unwrap() - 1;
+    for (name, whole, _, after) in files() {
+        let content = whole.windows(after.len()).rposition(|piece| piece == after).unwrap();
         for cut in 0..content {
-            let error = read_tets("a.msh", &whole[..cut]).expect_err("it is cut short");
+            let error = read_tets(name, &whole[..cut]).expect_err("it is cut short");
             assert!(!error.cure.is_empty(), "{cut}: {error}");
         }
         for at in 0..whole.len() {
             for by in [0, 1, 0x7f, 0xff, b'$', b'\n'] {
                 let mut spoiled = whole.clone();
                 spoiled[at] = by;
-                let Ok(mesh) = read_tets("a.msh", &spoiled) else { continue };
+                let Ok(mesh) = read_tets(name, &spoiled) else { continue };
                 assert!(mesh.positions_m.as_flattened().iter().all(|coordinate| coordinate.is_finite()), "{at}: {by}");
                 assert!(mesh.tets.as_flattened().iter().all(|node| (*node as usize) < mesh.positions_m.len()), "{at}: {by}");
                 assert!(mesh.positions_m.len() + mesh.tets.len() <= whole.len(), "{at}: {by}");

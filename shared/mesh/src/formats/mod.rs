@@ -9,4 +9,5 @@ pub(crate) mod obj;
 pub(crate) mod tetgen;
 mod vtk_binary;
 pub(crate) mod vtk_legacy;
+mod vtk_legacy_binary;
 pub(crate) mod vtk_xml;
