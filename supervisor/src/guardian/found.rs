@@ -210,7 +210,7 @@ fn make(
 ) -> Result<OwnedPage, Refusal> {
     let build = build.and_then(Beside::wait); // without one the recording names none
     station.found().map_err(unmade)?;
-    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    let text = text_of(settings)?;
     let laid_down = |path: PathBuf, content: &[u8]| {
         std::fs::write(&path, content)
             .map_err(|e| Refusal::of_system(e.kind(), format!("{}: {e}; look at `df /dev/shm`", path.display())))
@@ -227,6 +227,15 @@ fn make(
     let page = station.open_for_keeping().map_err(unmade)?;
     wanted.again.map_or(Ok(()), |again| begin_later(station, &page, again))?;
     Ok(page)
+}
+
+/// The settings as they are kept. Names of files are text there.
+fn text_of(settings: &Settings) -> Result<String, Refusal> {
+    toml::to_string(settings).map_err(|e| {
+        Refusal::input(format!(
+            "settings: {e}; the station keeps the names of scene, recording and pictures as UTF-8: start it where every folder above them has such a name"
+        ))
+    })
 }
 
 /// A station that the system refused to make.
@@ -249,4 +258,22 @@ fn begin_later(station: &Station, page: &OwnedPage, again: &Again) -> Result<(),
     page.store64(layout::ENDED_TICK, again.replay.begin_tick);
     page.store64(layout::BEGUN_TICK, again.replay.begin_tick);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    #[test]
+    fn a_name_that_is_no_text_is_bad_input_and_one_with_blanks_and_umlauts_is_kept() {
+        let of = |name: &[u8]| {
+            let record = Some(Path::new("/home/a").join(OsStr::from_bytes(name)));
+            text_of(&Settings { record, ..Settings::default() }).map(|text| toml::from_str::<Settings>(&text).unwrap().record)
+        };
+        let refusal = of(b"M\xfcller/a.mcap").unwrap_err();
+        assert!(refusal.code == 2 && refusal.message.contains("UTF-8: start it where"), "{}", refusal.message);
+        assert_eq!(of("Frau Müller/a b.mcap".as_bytes()), Ok(Some(PathBuf::from("/home/a/Frau Müller/a b.mcap"))));
+    }
 }
