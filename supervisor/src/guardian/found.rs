@@ -101,6 +101,13 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
         return Ok(Ground { page, order, adopted: true });
     }
     if !station.leftovers().is_empty() {
+        if is_kept_unseen(station) {
+            return Err(Refusal::input(format!(
+                "a station named {:?} lives, and none of its processes can be seen from here, as where another container has the same /dev/shm; give \
+                 another --name",
+                station.name()
+            )));
+        }
         eprintln!("hystation: removing what a dead station named {:?} left", station.name());
         remove_unbegun(station, &Order::read(station).unwrap_or_default());
         station.wipe();
@@ -117,6 +124,11 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
     let page = found(station, wanted, &admitted, build)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })
+}
+
+/// Whether a supervisor works on a station, seen or not: its lock is that of a file, and holds across containers.
+fn is_kept_unseen(station: &Station) -> bool {
+    matches!(name::lock(station), Ok(None))
 }
 
 /// The page of a station of which somebody lives; one that was asked to stop is helped to.
@@ -265,6 +277,18 @@ mod tests {
     use super::*;
     use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
+
+    /// What seemed to be left of a dead station, since its processes had numbers of another container's, was removed beneath it.
+    #[test]
+    fn a_station_whose_supervisor_has_its_lock_is_not_taken_for_dead() {
+        let station = Station::named(&format!("t{}-unseen", std::process::id())).unwrap();
+        station.wipe();
+        assert!(!is_kept_unseen(&station), "there is none");
+        station.found().unwrap();
+        let _held = name::lock(&station).unwrap().unwrap();
+        assert!(is_kept_unseen(&station));
+        station.wipe();
+    }
 
     #[test]
     fn a_name_that_is_no_text_is_bad_input_and_one_with_blanks_and_umlauts_is_kept() {
