@@ -25,13 +25,12 @@ impl Token<'_> {
     }
 
     fn bad(&self, expected: &str) -> ReadError {
-        ReadError::new(
-            ReadErrorKind::BadNumber,
-            Place::Line(self.line),
-            self.shown(),
-            expected,
-            "correct this line, or export the mesh again",
-        )
+        let cure = if self.bytes.contains(&b',') {
+            "write decimal points and blanks, no commas: export the mesh again with LC_ALL=C"
+        } else {
+            "correct this line, or export the mesh again"
+        };
+        ReadError::new(ReadErrorKind::BadNumber, Place::Line(self.line), self.shown(), expected, cure)
     }
 
     /// A number as C, Fortran (`1.5D-3`) or a spreadsheet's export (`+2.0`) writes it. NaN and infinity pass here.

@@ -43,6 +43,14 @@ fn each_fault_of_a_gmsh_file_is_named_with_its_line() {
     }
 }
 
+/// As programs write them in some languages.
+#[test]
+fn a_decimal_comma_is_told_as_one() {
+    let comma = changed("3 0 1 0", "3 0 1,5 0");
+    assert_eq!((comma.kind, comma.place), (Kind::BadNumber, Place::Line(8)), "{comma}");
+    assert!(comma.cure.contains("LC_ALL=C") && !changed("3 0 1 0", "3 0 one 0").cure.contains("LC_ALL"), "{comma}");
+}
+
 /// Text that says it was binary, as where somebody changed the head.
 #[test]
 fn what_is_no_binary_file_is_told_by_its_first_number() {
