@@ -23,9 +23,10 @@ use crate::plan::Plan;
 use crate::recording::{self, RecordingView, folder};
 use crate::remains;
 use crate::report;
-use crate::settings::{Refusal, prepare};
+use crate::settings::{Refusal, prepare, why_headless};
 use crate::spawn::note_exit;
 use crate::supervise::register;
+use crate::terminal::{self, Size};
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use bell::Bell;
 use ended::{count_leftovers, judge, recorded, remove_unbegun};
@@ -37,6 +38,7 @@ use hyst_messages::{Role, SLOTS, Slot};
 use kept::Kept;
 use order::Order;
 use printer::Printer;
+pub use room::size_for;
 use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
 use session::Session;
 use std::io::IsTerminal;
@@ -111,13 +113,13 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let wanted = Wanted { settings: &settings, in_folder, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
-    let draw = std::io::stdout().is_terminal() && !args.quiet;
+    let draw = terminal::can_be_drawn_on() && !args.quiet;
     // On a virtual clock nobody's hand is to be warned.
     let hears = !args.quiet && !settings.lockstep && settings.switch("sound", true).unwrap_or(true);
     let bell = Bell::new(hears && std::io::stderr().is_terminal());
     let mut guardian = Guardian::new(station, name, ground, draw, bell)?;
     if settings.headless && !args.station.headless {
-        guardian.tell("there is no display: the station runs headless; set DISPLAY to see a window");
+        guardian.tell(why_headless());
     }
     if let Some(file) = recording::file_of(&guardian.station).filter(|_| in_folder) {
         guardian.tell(&format!("recording into {}", file.display()));
@@ -387,7 +389,6 @@ const SHOWN_LINES: usize = 8;
 fn screen(view: &StationView, case: Vec<String>, lines: &mut Vec<String>) -> String {
     let surplus = lines.len().saturating_sub(SHOWN_LINES);
     lines.drain(..surplus);
-    let case: String = case.iter().map(|line| format!("{line}\n")).collect();
-    let text = format!("{}\n{case}{}\nCtrl-C stops the station and removes everything.\n", table(view), lines.join("\n"));
-    format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
+    let above = format!("{}\n{}", table(view), case.join("\n"));
+    terminal::screen(&above, lines, "Ctrl-C stops the station and removes everything.\n", Size::now())
 }

@@ -48,6 +48,7 @@ mod struck;
 mod supervise;
 mod suspicion;
 mod swap;
+mod terminal;
 mod toil;
 mod view;
 mod watch;

@@ -16,8 +16,6 @@ pub use hyst_engine::verify::{await_end, wait_unless, wait_within};
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
-/// Unit in which the kernel tells when a process was started, ns.
-pub const START_UNIT_NS: u64 = (1e9 / CLOCK_HZ) as u64;
 /// Fields of /proc/PID/stat between the state and the exit code.
 const EXIT_CODE_AFTER_STATE: usize = 48;
 /// Most threads of one process that are demoted; engines have a dozen.

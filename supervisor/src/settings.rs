@@ -177,8 +177,27 @@ fn end_tick(args: &RunArgs) -> Option<u64> {
     args.again.as_ref().map(|again| again.end_tick).or(of_time)
 }
 
+/// Whether there may be a window: it is one of X11, which a Wayland desktop serves through XWayland and then sets this, too.
 fn has_display() -> bool {
-    ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+    is_set("DISPLAY")
+}
+
+fn is_set(variable: &str) -> bool {
+    std::env::var_os(variable).is_some_and(|value| !value.is_empty())
+}
+
+/// What is said of a station that runs headless and was not asked to.
+pub fn why_headless() -> &'static str {
+    why_headless_on(is_set("WAYLAND_DISPLAY"))
+}
+
+fn why_headless_on(wayland: bool) -> &'static str {
+    if wayland {
+        "there is no display: the station runs headless; its window is one of X11, which a Wayland desktop shows through XWayland: install xwayland and log in \
+         again"
+    } else {
+        "there is no display: the station runs headless; set DISPLAY to see a window"
+    }
 }
 
 /// The folder of this program, in which its engines lie.
@@ -315,6 +334,14 @@ mod tests {
         let seen = RunArgs::default();
         assert_eq!(hand_of(&seen, true, false), Ok("mouse".into()));
         assert_eq!(hand_of(&RunArgs { lockstep: true, ..seen }, true, false).map_err(|refusal| refusal.code), Err(2));
+    }
+
+    /// On a desktop of Wayland alone a station had the mouse for its hand and no window, and said so nowhere.
+    #[test]
+    fn why_there_is_no_window_is_told_with_what_that_desktop_lacks() {
+        let told = [false, true].map(why_headless_on);
+        assert!(told.iter().all(|told| told.starts_with("there is no display: the station runs headless; ")), "{told:?}");
+        assert!(told[0].contains("DISPLAY") && told[1].contains("XWayland: install xwayland"), "{told:?}");
     }
 
     #[test]

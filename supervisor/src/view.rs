@@ -286,7 +286,7 @@ pub const TEST_MODE: &str = "*** TEST MODE: faults may be injected into this sta
 /// The table of a look, as lines of plain text.
 pub fn table(view: &StationView) -> String {
     let mut text = format!(
-        "{}station {}  {}  tick {}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
+        "{}station {}  {}  tick {}{}{}\n{:<19} {:>6} {:>7} {:>8} {:>5} {:>8} {:>11} {:>8}  {}\n",
         if view.test_mode { format!("{TEST_MODE}\n") } else { String::new() },
         view.station,
         view.state,
@@ -306,7 +306,7 @@ pub fn table(view: &StationView) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or("-".to_string(), |value| format!("{value:.digits$}"));
     for process in &view.processes {
         text.push_str(&format!(
-            "{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
+            "{:<19} {:>6} {:>7} {:>8} {:>5} {:>8} {:>11} {:>8}  {}\n",
             process.name,
             process.incarnation,
             process.pid,

@@ -37,6 +37,14 @@ fn listen(port: u16) -> std::io::Result<std::net::TcpListener> {
     std::net::TcpListener::bind((Ipv4Addr::LOCALHOST, port))
 }
 
+/// Said where none can be had at all, as in a network namespace of its own in which nobody brought the loopback interface up.
+fn no_port(error: &std::io::Error) -> String {
+    format!(
+        "no port of 127.0.0.1 can be had ({error}), so there is no operator's page: bring that interface up (`ip link set lo up`), or run with \
+         --set console=off"
+    )
+}
+
 impl Door {
     /// The door that this station's page had, or one that is free.
     pub fn open(life: &Life) -> Result<Door, Failure> {
@@ -47,7 +55,7 @@ impl Door {
             Ok(listener) => listener,
             Err(error) => {
                 life.say(&format!("port {wanted} cannot be had ({error}): the operator's page is at another one"));
-                listen(0)?
+                listen(0).map_err(|error| Failure::Broken(no_port(&error)))?
             }
         };
         let port = listener.local_addr()?.port();
@@ -158,8 +166,14 @@ impl AsyncWrite for Visit {
 
 #[cfg(test)]
 mod tests {
-    use super::random_letters;
+    use super::{no_port, random_letters};
     use hyst_engine::address::TOKEN_LETTERS;
+
+    #[test]
+    fn where_there_is_no_port_at_all_the_cure_is_named() {
+        let said = no_port(&std::io::ErrorKind::AddrNotAvailable.into());
+        assert!(said.contains("ip link set lo up") && said.contains("--set console=off"), "{said}");
+    }
 
     #[test]
     fn a_token_is_as_long_as_an_address_wants_it_and_no_two_are_equal() {

@@ -1,8 +1,8 @@
 //! The lane of a lock-step station: the core on which all those run who step one after the other, since a wake on another core costs several times what one
 //! on the own does. The sequencer takes it and says in the station's page which it is; everyone else follows.
 //!
-//! Promise: no two stations of a machine share a lane. Who has it holds a name of the kernel's (an abstract socket), which ends with its process and leaves
-//! nothing behind. A station that finds no core free runs wherever the kernel puts it; what it computes is the same.
+//! Promise: no two stations of a machine share a lane, whichever cores each of them may use. Who has it holds a name of the kernel's (an abstract socket),
+//! which ends with its process and leaves nothing behind. A station that finds no core free runs wherever the kernel puts it; what it computes is the same.
 
 use crate::life::Life;
 use hyst_exchange::system;
@@ -22,7 +22,7 @@ impl Lane {
     pub fn take() -> Option<Lane> {
         let cores = system::cores();
         let mut free = (0..cores).filter(|_| cores > 1).filter_map(|core| {
-            let name = SocketAddr::from_abstract_name(format!("hystation-lane-{core}")).ok()?;
+            let name = SocketAddr::from_abstract_name(name_of(core)?).ok()?;
             Some(Lane { core, _name: UnixListener::bind_addr(&name).ok()? })
         });
         free.next().filter(|lane| system::pin_to_core(lane.core))
@@ -32,6 +32,11 @@ impl Lane {
     pub fn word(lane: Option<&Lane>) -> u64 {
         lane.map_or(0, |lane| lane.core as u64 + 1)
     }
+}
+
+/// By the kernel's number: a station that may use other cores has another one by that index.
+fn name_of(core: usize) -> Option<String> {
+    Some(format!("hystation-lane-{}", system::core_number(core)?))
 }
 
 /// A thread that follows the lane of its station.

@@ -1,6 +1,6 @@
 //! Real-time set-up, after the warm-up: memory locked, SCHED_FIFO, core. What the machine refuses is said once and done without.
 //!
-//! The order of importance on two cores (design): device > haptic > spare of tissue > tissue > collision-worker > the rest, which is
+//! The order of importance (design): device > haptic > spare of tissue > tissue > collision-worker > the rest, which is
 //! ordinary. The supervisor's watch stands above all, so that it can demote one that spins. Workers above the tissues (64) were tried (2026-11-22): they
 //! come by a full core sooner, but a holder that waits for a slow one on its own core does not wake at its deadline.
 
@@ -30,6 +30,9 @@ pub const GUEST_BELOW: i32 = 10;
 /// dies, and in a kernel that does not preempt itself whoever is woken there waits for that, real time or not.
 const DEVICE_CORE: usize = 0;
 
+/// On so many cores the replicas of a role are tied apart without real time, too: on more the kernel finds one that is idle.
+const TIED_ANYWAY: usize = 2;
+
 /// SCHED_FIFO priority of a role; `None` for ordinary ones.
 pub fn priority(role: Role) -> Option<i32> {
     match role {
@@ -42,17 +45,18 @@ pub fn priority(role: Role) -> Option<i32> {
     }
 }
 
-/// The core of a slot: the replicas of a role lie on different cores. `None` leaves the choice to the kernel.
+/// The core of a slot, by its index among so many: the replicas of a role lie on different cores where there are two, and from four cores on a tissue on none
+/// of the hand's. `None` leaves the choice to the kernel.
 pub fn core(slot: Slot, cores: usize) -> Option<usize> {
-    if cores < 2 {
-        return None;
-    }
+    let cores = cores.max(1);
     match slot.role() {
         Role::Hardware | Role::Device => Some(DEVICE_CORE),
         Role::Haptic => Some(slot.index() % cores),
-        Role::Tissue if cores >= 8 => Some(2 + slot.index()),
+        Role::Tissue if cores >= 4 => Some(2 + slot.index() % (cores - 2)),
         Role::Tissue => Some(slot.index() % cores),
-        Role::CollisionWorker if cores >= 8 => Some(4 + slot.index() % (cores - 4)),
+        // Servos and device take little of theirs.
+        Role::CollisionWorker if cores >= 6 => Some(4 + slot.index() % (cores - 4)),
+        Role::CollisionWorker if cores >= 4 => Some((slot.index() + 1) % 2),
         Role::CollisionWorker => Some((slot.index() + 1) % cores),
         _ => None,
     }
@@ -119,10 +123,13 @@ pub fn go(life: &Life) -> Result<RealTime, Failure> {
     if life.settings.switch("realtime", true)?
         && let Some(priority) = priority(life.slot.role())
     {
+        let cores = system::places();
         granted.locked = system::lock_memory();
-        granted.pinned = core(life.slot, system::cores()).is_some_and(system::pin_to_core);
+        granted.pinned = core(life.slot, cores).is_some_and(system::pin_to_core);
         granted.fifo = system::become_fifo(priority);
         if !granted.fifo {
+            // An ordinary thread that is tied to a core waits for whoever runs there, while others are idle.
+            granted.pinned &= !(cores > TIED_ANYWAY && system::unpin());
             life.say("SCHED_FIFO was refused: running as an ordinary process; `hystation doctor` says how to allow it");
         }
     }
@@ -130,4 +137,42 @@ pub fn go(life: &Life) -> Result<RealTime, Failure> {
     // Locking the memory may have taken longer than a heartbeat may be late, and whoever calls this is about to be watched.
     life.heartbeat();
     Ok(granted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::SLOTS;
+
+    fn core_of(role: Role, index: usize, cores: usize) -> usize {
+        core(Slot::new(role, index).unwrap(), cores).unwrap()
+    }
+
+    #[test]
+    fn on_any_number_of_cores_each_thread_has_one_that_there_is_and_replicas_lie_apart() {
+        for cores in 1..=256 {
+            for slot in (0..SLOTS).filter_map(Slot::from_number).filter(|slot| priority(slot.role()).is_some()) {
+                assert!(core(slot, cores).is_some_and(|own| own < cores), "{slot} of {cores}");
+            }
+            for role in [Role::Haptic, Role::Tissue, Role::CollisionWorker] {
+                let [one, other] = [0, 1].map(|index| core_of(role, index, cores));
+                assert_eq!(one == other, cores == 1, "{role:?} of {cores}");
+            }
+        }
+        assert_eq!(core(Slot::first(Role::Fluid), 64), None);
+    }
+
+    /// With four to seven cores both tissues lay on those of the hand, and other cores were idle.
+    #[test]
+    fn from_four_cores_on_no_tissue_shares_a_core_with_the_hand_and_no_worker_one_with_the_replicas() {
+        let tissue = |index: usize| Slot::new(Role::Tissue, index).unwrap();
+        for cores in 1..=64 {
+            for index in 0..2 {
+                assert_eq!(shares_core_with_hand(tissue(index), cores), cores < 4, "tissue:{index} of {cores}");
+                let own = core(tissue(index), cores);
+                let is_beside = (0..2).any(|worker| Some(core_of(Role::CollisionWorker, worker, cores)) == own);
+                assert!(!is_beside || cores < 4, "tissue:{index} of {cores}");
+            }
+        }
+    }
 }

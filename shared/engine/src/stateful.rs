@@ -103,7 +103,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     };
     this.warm()?;
     let granted = realtime::go(life)?;
-    let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::cores());
+    let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::places());
     this.stand_apart();
     // A newcomer on trial moves to the other core; what it says of the first one would be of no use.
     this.room = shares.then(|| if this.is_guest() { Room::of_this_thread() } else { Room::of_this_core() });

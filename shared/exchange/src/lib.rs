@@ -8,8 +8,10 @@
 pub mod allocation;
 pub mod cell;
 pub mod checkpoint;
+pub mod cores;
 pub mod latch;
 mod loan;
+pub mod locking;
 pub mod machine;
 pub mod mappings;
 pub mod meeting;

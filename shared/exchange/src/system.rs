@@ -1,24 +1,44 @@
-//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, memory lock, core, room on a disk.
+//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, room on a disk; what is locked is in [`crate::locking`], and the
+//! cores are in [`crate::cores`].
 //!
 //! Promise: what is refused by the machine is reported, never assumed. Times are CLOCK_MONOTONIC nanoseconds.
 
-use rustix::thread::{CpuSet, futex, sched_getaffinity, sched_setaffinity};
+use rustix::thread::futex;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::num::NonZeroU32;
 use std::path::Path;
-use std::sync::OnceLock;
 use std::sync::atomic::AtomicU32;
+
+pub use crate::cores::{core_number, cores, keep_off, pin_to_core, places, unpin};
+pub use crate::locking::lock_memory;
+
+/// Unit in which the kernel tells when a process was started, ns: 100 to the second wherever it runs.
+const START_UNIT_NS: u64 = 10_000_000;
 
 /// CLOCK_MONOTONIC in nanoseconds.
 pub fn now_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+    read_ns(ClockId::Monotonic)
 }
 
 /// Processor time of the calling thread, ns.
 pub fn thread_ns() -> u64 {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
+    read_ns(ClockId::ThreadCPUTime)
+}
+
+fn read_ns(clock: ClockId) -> u64 {
+    let now = clock_gettime(clock);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// When a process began that has this start time ([`process_start`]), on CLOCK_MONOTONIC, ns. The kernel tells it on a clock that goes on while the machine
+/// sleeps, which that one does not. Of a process that has slept with it this is too early by as much.
+pub fn started_ns(start: u64) -> u64 {
+    let boot_ns = read_ns(ClockId::Boottime);
+    on_monotonic(start, boot_ns, now_ns())
+}
+
+fn on_monotonic(start: u64, boot_ns: u64, now_ns: u64) -> u64 {
+    start.saturating_mul(START_UNIT_NS).saturating_sub(boot_ns.saturating_sub(now_ns))
 }
 
 fn timespec(time_ns: u64) -> Timespec {
@@ -80,14 +100,6 @@ impl RealTime {
     pub fn word(self) -> u64 {
         self.fifo as u64 | (self.locked as u64) << 1 | (self.pinned as u64) << 2
     }
-}
-
-/// Locks the memory of the process: all that it has mapped, and of what it maps later each page when it is first touched. The kernel would touch a mapping as
-/// a whole under the lock of the memory map; when a real-time thread then had to unmap something it waited for that, up to 100 ms for a stream of 50 MB
-/// that an ordinary thread mapped (2-core VM, 2026-11-23). False where RLIMIT_MEMLOCK forbids it.
-pub fn lock_memory() -> bool {
-    use rustix::mm::{MlockAllFlags, mlockall};
-    mlockall(MlockAllFlags::CURRENT).is_ok() && mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).is_ok()
 }
 
 /// Brings so many bytes from an address on into the memory map, for reading. Not on a real-time thread.
@@ -184,52 +196,6 @@ pub fn set_niceness(nice: i32) -> bool {
         .all(|set| matches!(set, Ok(()) | Err(rustix::io::Errno::SRCH)))
 }
 
-/// The cores that this process may use, as they were when it first asked: a thread that is tied to one of them sees only that one from then on.
-struct Cores {
-    allowed: CpuSet,
-    count: usize,
-}
-
-fn own_cores() -> &'static Cores {
-    static CORES: OnceLock<Cores> = OnceLock::new();
-    CORES.get_or_init(|| Cores {
-        allowed: sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new()),
-        count: std::thread::available_parallelism().map_or(1, usize::from),
-    })
-}
-
-/// The machine's number of the core that is the `index`th of those that this process may use.
-fn number_of(index: usize) -> Option<usize> {
-    let allowed = &own_cores().allowed;
-    (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(index)
-}
-
-/// Ties the calling thread to a core, by its index among those that this process may use. False where there is none.
-pub fn pin_to_core(index: usize) -> bool {
-    let Some(core) = number_of(index) else { return false };
-    let mut one = CpuSet::new();
-    one.set(core);
-    sched_setaffinity(None, &one).is_ok()
-}
-
-/// Keeps the calling thread, and those that it will start, off a core, by the same index. False where no other is left.
-pub fn keep_off(index: usize) -> bool {
-    let Some(core) = number_of(index) else { return false };
-    let mut others = own_cores().allowed;
-    others.unset(core);
-    others.count() > 0 && sched_setaffinity(None, &others).is_ok()
-}
-
-/// Gives the calling thread all cores back that this process may use. False where that is refused.
-pub fn unpin() -> bool {
-    sched_setaffinity(None, &own_cores().allowed).is_ok()
-}
-
-/// Number of cores that this process may use, whatever the calling thread is tied to.
-pub fn cores() -> usize {
-    own_cores().count
-}
-
 /// User id, which is part of the station's root.
 pub fn user_id() -> u32 {
     rustix::process::getuid().as_raw()
@@ -284,6 +250,17 @@ mod tests {
         assert!(now_ns() >= until);
     }
 
+    /// On a laptop that had slept since it was started every process seemed to begin in the future.
+    #[test]
+    fn a_process_begins_before_now_also_on_a_machine_that_has_slept() {
+        const S: u64 = 1_000_000_000;
+        assert_eq!(on_monotonic(12_345, 200 * S, 200 * S), 123 * S + S / 100 * 45, "it never slept");
+        assert_eq!(on_monotonic(360_100, 3_610 * S, 110 * S), 101 * S, "it slept for 3 500 s before that");
+        assert_eq!((on_monotonic(0, 90 * S, 5 * S), on_monotonic(100, 5 * S, 6 * S)), (0, S));
+        let began_ns = started_ns(process_start(std::process::id()).unwrap());
+        assert!(began_ns <= now_ns(), "{began_ns}");
+    }
+
     #[test]
     fn a_folder_has_room_and_one_that_is_not_there_has_none_that_anybody_knows() {
         assert!(free_bytes(&std::env::temp_dir()).is_ok());
@@ -329,23 +306,6 @@ mod tests {
         .unwrap();
         assert_eq!((started, after), (if fifo { 3 } else { 0 }, 0));
         assert_eq!(own_priority(), if fifo { 2 } else { 0 });
-    }
-
-    #[test]
-    fn a_thread_that_is_tied_to_a_core_still_knows_how_many_there_are_and_is_freed_again() {
-        let count = cores();
-        let of_this_thread = || std::thread::available_parallelism().map_or(0, usize::from);
-        std::thread::spawn(move || {
-            assert!(pin_to_core(count - 1) && !pin_to_core(CpuSet::MAX_CPU));
-            assert_eq!((of_this_thread(), cores()), (1, count));
-            assert!(unpin());
-            assert_eq!(of_this_thread(), count);
-            assert_eq!(keep_off(0), count > 1, "another core is left");
-            assert_eq!(of_this_thread(), (count - 1).max(1));
-            assert!(!keep_off(CpuSet::MAX_CPU) && unpin());
-        })
-        .join()
-        .unwrap();
     }
 
     #[test]

@@ -8,9 +8,9 @@ use crate::types::{TetMesh, TriangleMesh};
 /// A format that is read here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// Gmsh, versions 1, 2.x, 4.0 and 4.1, ASCII.
+    /// Gmsh, versions 1, 2.x, 4.0 and 4.1; in binary 2.x and 4.1.
     Gmsh,
-    /// VTK legacy, ASCII.
+    /// VTK legacy, ASCII or binary.
     VtkLegacy,
     /// VTK XML unstructured grid.
     VtkXml,

@@ -25,13 +25,12 @@ impl Token<'_> {
     }
 
     fn bad(&self, expected: &str) -> ReadError {
-        ReadError::new(
-            ReadErrorKind::BadNumber,
-            Place::Line(self.line),
-            self.shown(),
-            expected,
-            "correct this line, or export the mesh again",
-        )
+        let cure = if self.bytes.contains(&b',') {
+            "write decimal points and blanks, no commas: export the mesh again with LC_ALL=C"
+        } else {
+            "correct this line, or export the mesh again"
+        };
+        ReadError::new(ReadErrorKind::BadNumber, Place::Line(self.line), self.shown(), expected, cure)
     }
 
     /// A number as C, Fortran (`1.5D-3`) or a spreadsheet's export (`+2.0`) writes it. NaN and infinity pass here.
@@ -80,6 +79,21 @@ impl<'a> Text<'a> {
     /// For a piece of a file that starts on `line`.
     pub fn at_line(bytes: &'a [u8], comment: Option<u8>, line: usize) -> Self {
         Text { bytes, at: 0, line, comment, ends_with: "the end of the file" }
+    }
+
+    /// The next bytes as they are, whatever they mean.
+    pub fn raw(&mut self, count: usize, what: &str) -> Result<&'a [u8], ReadError> {
+        let taken = self.bytes[self.at..].get(..count).ok_or_else(|| {
+            let cure = "the file is cut short: copy or export it again";
+            ReadError::new(ReadErrorKind::Truncated, Place::Byte(self.at), "the end of the file", what, cure)
+        })?;
+        self.at += count;
+        Ok(taken)
+    }
+
+    /// Bytes before this place.
+    pub fn at(&self) -> usize {
+        self.at
     }
 
     pub fn place(&self) -> Place {

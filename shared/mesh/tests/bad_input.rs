@@ -32,7 +32,8 @@ fn each_fault_of_a_gmsh_file_is_named_with_its_line() {
         ("\n4\n", "\n5\n", Kind::BadNumber, 10),
         ("\n4\n", "\n999999999999\n", Kind::AbsurdCount, 5),
         ("\n4\n", "\n-1\n", Kind::AbsurdCount, 5),
-        ("2.2 0 8", "2.2 1 8", Kind::Unsupported, 2),
+        ("2.2 0 8", "2.2 2 8", Kind::Unsupported, 2),
+        ("2.2 0 8", "2.2 1 4", Kind::Unsupported, 2),
         ("2.2 0 8", "5.0 0 8", Kind::Unsupported, 2),
         ("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "$A\n", Kind::Syntax, 2),
     ];
@@ -40,6 +41,22 @@ fn each_fault_of_a_gmsh_file_is_named_with_its_line() {
         let error = changed(from, to);
         assert_eq!((error.kind, error.place), (kind, Place::Line(line)), "{from:?} → {to:?}: {error}");
     }
+}
+
+/// As programs write them in some languages.
+#[test]
+fn a_decimal_comma_is_told_as_one() {
+    let comma = changed("3 0 1 0", "3 0 1,5 0");
+    assert_eq!((comma.kind, comma.place), (Kind::BadNumber, Place::Line(8)), "{comma}");
+    assert!(comma.cure.contains("LC_ALL=C") && !changed("3 0 1 0", "3 0 one 0").cure.contains("LC_ALL"), "{comma}");
+}
+
+/// Text that says it was binary, as where somebody changed the head.
+#[test]
+fn what_is_no_binary_file_is_told_by_its_first_number() {
+    let error = changed("2.2 0 8", "2.2 1 8");
+    assert_eq!((error.kind, error.place), (Kind::Syntax, Place::Byte(20)), "{error}");
+    assert!(error.to_string().contains("order of bytes"), "{error}");
 }
 
 #[test]
@@ -79,8 +96,8 @@ fn what_is_not_read_here_names_the_cure() {
     let cases: [(&str, &[u8], &str); 7] = [
         ("a.vtu", &appended, "Ascii"),
         ("a.vtu", compressed.as_bytes(), "Ascii"),
-        ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
-        ("a.msh", b"$MeshFormat\n4.1 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
+        ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBASE64\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
+        ("a.msh", b"$MeshFormat\n4 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
         ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
         ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),
         ("a.obj", b"v 0 0 0\nf 1 1 1\n", "volume mesh"),

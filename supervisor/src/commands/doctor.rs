@@ -4,6 +4,7 @@
 
 mod devices;
 mod machine;
+mod resources;
 mod vulkan;
 
 use super::shielded::shielded;
@@ -148,6 +149,7 @@ fn tell(Finding { what, state, found, cure }: &Finding) {
 
 fn findings(machine: &Machine) -> Vec<Finding> {
     let mut findings = machine::findings(machine);
+    findings.extend(resources::findings(machine));
     findings.push(vulkan::pictures(machine));
     findings.push(vulkan::display(machine));
     findings.extend(devices::findings(machine));

@@ -352,7 +352,8 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64, is_cut: bool) -> Result
         println!("tick {tick} and what comes after it were not made again");
     }
     if code == 1 {
-        origin::other_build(was.session(), is.session()).iter().for_each(|words| println!("{words}"));
+        let said = [origin::other_build, origin::other_processor].map(|other| other(was.session(), is.session()));
+        said.iter().flatten().for_each(|words| println!("{words}"));
     }
     Ok(if code == 0 && (is_cut || unmade_tick.is_some()) { NOT_WHOLE } else { code })
 }

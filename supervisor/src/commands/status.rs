@@ -2,6 +2,7 @@
 
 use super::no_station;
 use crate::settings::Refusal;
+use crate::terminal::{Size, screen};
 use crate::view::{Viewer, table};
 use hyst_exchange::{Station, system};
 use std::io::Write;
@@ -34,7 +35,7 @@ pub fn top(station: &Station) -> Result<u8, Refusal> {
     let stop = crate::interrupt::noticed().map_err(Refusal::failed)?;
     while !stop.load(Ordering::Relaxed) {
         let view = viewer.look_all();
-        let text = format!("\x1b[H{}\x1b[J", table(&view).replace('\n', "\x1b[K\n"));
+        let text = screen(&table(&view), &[], "", Size::now());
         let mut out = std::io::stdout();
         if view.state == "dead" || out.write_all(text.as_bytes()).and_then(|()| out.flush()).is_err() {
             break;

@@ -101,6 +101,13 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
         return Ok(Ground { page, order, adopted: true });
     }
     if !station.leftovers().is_empty() {
+        if is_kept_unseen(station) {
+            return Err(Refusal::input(format!(
+                "a station named {:?} lives, and none of its processes can be seen from here, as where another container has the same /dev/shm; give \
+                 another --name",
+                station.name()
+            )));
+        }
         eprintln!("hystation: removing what a dead station named {:?} left", station.name());
         remove_unbegun(station, &Order::read(station).unwrap_or_default());
         station.wipe();
@@ -117,6 +124,11 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
     let page = found(station, wanted, &admitted, build)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })
+}
+
+/// Whether a supervisor works on a station, seen or not: its lock is that of a file, and holds across containers.
+fn is_kept_unseen(station: &Station) -> bool {
+    matches!(name::lock(station), Ok(None))
 }
 
 /// The page of a station of which somebody lives; one that was asked to stop is helped to.
@@ -210,7 +222,7 @@ fn make(
 ) -> Result<OwnedPage, Refusal> {
     let build = build.and_then(Beside::wait); // without one the recording names none
     station.found().map_err(unmade)?;
-    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    let text = text_of(settings)?;
     let laid_down = |path: PathBuf, content: &[u8]| {
         std::fs::write(&path, content)
             .map_err(|e| Refusal::of_system(e.kind(), format!("{}: {e}; look at `df /dev/shm`", path.display())))
@@ -227,6 +239,15 @@ fn make(
     let page = station.open_for_keeping().map_err(unmade)?;
     wanted.again.map_or(Ok(()), |again| begin_later(station, &page, again))?;
     Ok(page)
+}
+
+/// The settings as they are kept. Names of files are text there.
+fn text_of(settings: &Settings) -> Result<String, Refusal> {
+    toml::to_string(settings).map_err(|e| {
+        Refusal::input(format!(
+            "settings: {e}; the station keeps the names of scene, recording and pictures as UTF-8: start it where every folder above them has such a name"
+        ))
+    })
 }
 
 /// A station that the system refused to make.
@@ -249,4 +270,34 @@ fn begin_later(station: &Station, page: &OwnedPage, again: &Again) -> Result<(),
     page.store64(layout::ENDED_TICK, again.replay.begin_tick);
     page.store64(layout::BEGUN_TICK, again.replay.begin_tick);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    /// What seemed to be left of a dead station, since its processes had numbers of another container's, was removed beneath it.
+    #[test]
+    fn a_station_whose_supervisor_has_its_lock_is_not_taken_for_dead() {
+        let station = Station::named(&format!("t{}-unseen", std::process::id())).unwrap();
+        station.wipe();
+        assert!(!is_kept_unseen(&station), "there is none");
+        station.found().unwrap();
+        let _held = name::lock(&station).unwrap().unwrap();
+        assert!(is_kept_unseen(&station));
+        station.wipe();
+    }
+
+    #[test]
+    fn a_name_that_is_no_text_is_bad_input_and_one_with_blanks_and_umlauts_is_kept() {
+        let of = |name: &[u8]| {
+            let record = Some(Path::new("/home/a").join(OsStr::from_bytes(name)));
+            text_of(&Settings { record, ..Settings::default() }).map(|text| toml::from_str::<Settings>(&text).unwrap().record)
+        };
+        let refusal = of(b"M\xfcller/a.mcap").unwrap_err();
+        assert!(refusal.code == 2 && refusal.message.contains("UTF-8: start it where"), "{}", refusal.message);
+        assert_eq!(of("Frau Müller/a b.mcap".as_bytes()), Ok(Some(PathBuf::from("/home/a/Frau Müller/a b.mcap"))));
+    }
 }

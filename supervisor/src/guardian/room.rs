@@ -28,13 +28,19 @@ impl Space {
     fn refuses(self, needed: u64) -> Option<Refusal> {
         let [free_mib, all_mib, need_mib] = [self.free, self.all, needed].map(|bytes| bytes >> 20);
         let has = format!("/dev/shm has {free_mib} MiB free of {all_mib}, a station needs {need_mib}");
-        let enlarge = "enlarge it (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)";
+        let size = size_for(self.all.saturating_sub(self.free).saturating_add(needed));
+        let enlarge = format!("enlarge it (`mount -o remount,size={size} /dev/shm`, docker: --shm-size={size})");
         match () {
             () if self.free >= needed => None,
             () if self.all < needed => Some(Refusal::input(format!("{has}; {enlarge}"))),
             () => Some(Refusal::failed(format!("{has}; remove files there (`ls -l /dev/shm`) or {enlarge}"))),
         }
     }
+}
+
+/// A size of /dev/shm in which there is room for so many bytes, as `mount` and docker take it.
+pub fn size_for(bytes: u64) -> String {
+    format!("{}g", bytes.div_ceil(1 << 30).max(1))
 }
 
 /// Waits for so many bytes if a service's manager is there, and else looks once.
@@ -71,5 +77,17 @@ mod tests {
         assert_eq!([code(344, 344), code(344, 1_024), code(1_024, 1_024)], [None; 3]);
         assert_eq!([code(64, 64), code(343, 343), code(0, 100)], [Some(2); 3]);
         assert_eq!([code(343, 344), code(0, 1_024)], [Some(1); 2]);
+    }
+
+    /// To whom 5 GiB were lacking a cure of 1 GiB was named.
+    #[test]
+    fn the_size_that_is_named_is_one_in_which_the_station_has_room() {
+        let cure = |free_mib: u64, all_mib: u64, needed_mib: u64| {
+            Space { free: free_mib << 20, all: all_mib << 20 }.refuses(needed_mib << 20).unwrap().message
+        };
+        assert!(cure(64, 64, 344).contains("size=1g /dev/shm`, docker: --shm-size=1g"));
+        assert!(cure(300, 1_024, 344).contains("size=2g"), "what others have there stays");
+        assert!(cure(1_024, 1_024, 5_200).contains("size=6g"));
+        assert_eq!([0, 1 << 30, (1 << 30) + 1].map(size_for), ["1g", "1g", "2g"]);
     }
 }

@@ -83,9 +83,9 @@ impl Supervisor {
     /// By the start of each process and its last beat: one that had served for long before it died unseen had no short life.
     fn tell_how_long_they_lived(&mut self, all: &[(Slot, u32)], now_ns: u64) {
         for (slot, incarnation) in all.iter().copied() {
-            let started_ns = self.page.load64(layout::SLOT_START + slot.number()).saturating_mul(crate::proc::START_UNIT_NS);
-            let beat_ns = self.last_beat_ns(slot);
-            if started_ns > 0 && beat_ns > started_ns {
+            let start = self.page.load64(layout::SLOT_START + slot.number());
+            let (started_ns, beat_ns) = (system::started_ns(start), self.last_beat_ns(slot));
+            if start > 0 && beat_ns > started_ns {
                 let ready_ns = now_ns.saturating_sub(beat_ns - started_ns);
                 let lived = Event::Lived { slot, incarnation, ready_ns };
                 let actions = policy::step(now_ns, lived, &mut self.policy);

@@ -42,12 +42,12 @@ impl Canaries {
         let mut stalls = Vec::new();
         let wanted = life.settings.switch("realtime", true)?;
         let sleep_ns = if life.clock.test_mode() { SLEEP_NS } else { LONG_SLEEP_NS };
-        for core in 0..system::cores().min(if wanted { 64 } else { 0 }) {
+        let cores = system::places();
+        for core in 0..cores.min(if wanted { 64 } else { 0 }) {
             let mine = Arc::new(Stalls { windows: [const { [const { AtomicU64::new(0) }; 2] }; MEMORY] });
             stalls.push(Arc::clone(&mine));
             let stop = Arc::clone(&stop);
-            let of_device =
-                (realtime::core(Slot::first(Role::Device), system::cores()) == Some(core)).then(|| Arc::clone(&life.page));
+            let of_device = (realtime::core(Slot::first(Role::Device), cores) == Some(core)).then(|| Arc::clone(&life.page));
             let tell = move |stood_ns| of_device.iter().for_each(|page| page.add64(TOTALS + Total::Stood as usize, stood_ns));
             std::thread::Builder::new()
                 .name(format!("canary-{core}"))

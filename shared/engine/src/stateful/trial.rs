@@ -169,7 +169,7 @@ impl<S: Stateful> Loop<'_, S> {
 
     fn pin_again(&self) {
         if self.life.page.load64(header::REAL_TIME) & 4 != 0
-            && let Some(core) = realtime::core(self.life.slot, system::cores())
+            && let Some(core) = realtime::core(self.life.slot, system::places())
         {
             system::pin_to_core(core);
         }
@@ -180,7 +180,7 @@ impl<S: Stateful> Loop<'_, S> {
         if !self.is_guest() || self.life.page.load64(header::REAL_TIME) & 4 == 0 {
             return;
         }
-        let (cores, holder) = (system::cores(), self.roster.holder(self.role).incarnation);
+        let (cores, holder) = (system::places(), self.roster.holder(self.role).incarnation);
         let slot = self.life.clock.occupied(self.role).find(|(_, incarnation)| *incarnation == holder).map(|(slot, _)| slot);
         let own = realtime::core(self.life.slot, cores);
         if let Some((taken, own)) = slot.and_then(|slot| realtime::core(slot, cores)).zip(own) {

@@ -1,12 +1,13 @@
-//! Gmsh's ASCII mesh files: versions 1 (`$NOD`, `$ELM`), 2.x and, by way of [`gmsh4`](super::gmsh4), 4.0 and 4.1.
+//! Gmsh's mesh files as text: versions 1 (`$NOD`, `$ELM`), 2.x and, by way of [`gmsh4`](super::gmsh4), 4.0 and 4.1. Those in binary, of 2.x and 4.1, are left
+//! to [`gmsh_binary`](super::gmsh_binary).
 //!
 //! Follows the file format chapter of the Gmsh reference manual. Sections may come in any order; unknown ones are skipped; tags may
 //! be sparse and unordered; elements that are no tets are passed over; of a tet of higher order the four corners are taken.
 
 use super::builder::Builder;
-use super::gmsh4;
+use super::{gmsh_binary, gmsh4};
 use crate::error::{Place, ReadError, ReadErrorKind};
-use crate::text::{Text, Token};
+use crate::text::{Text, Token, without_mark};
 
 /// How the file writes its nodes and elements.
 #[derive(Clone, Copy, PartialEq)]
@@ -17,7 +18,7 @@ pub(crate) enum Version {
     V41,
 }
 
-const CURE: &str = "save the mesh again as ASCII: gmsh FILE -save -format msh41 -o NEW.msh";
+pub(super) const CURE: &str = "save the mesh again as ASCII: gmsh FILE -save -format msh41 -o NEW.msh";
 
 /// Reads any Gmsh mesh file.
 pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
@@ -29,7 +30,11 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
         if token.bytes[0] != b'$' {
             text.skip_line(); // the body of a section that is not read here, or its end
         } else if token.is("$MeshFormat") {
-            version = Some(mesh_format(&mut text)?);
+            let (found, is_binary) = mesh_format(&mut text)?;
+            if is_binary {
+                return gmsh_binary::read(without_mark(bytes), text.at(), found);
+            }
+            version = Some(found);
         } else if token.is("$NOD") {
             version = version.or(Some(Version::V1));
             nodes(&mut text, &mut mesh)?;
@@ -67,7 +72,8 @@ fn need_version(version: Option<Version>, token: Token) -> Result<Version, ReadE
     })
 }
 
-fn mesh_format(text: &mut Text) -> Result<Version, ReadError> {
+/// The version, and whether what follows is binary.
+fn mesh_format(text: &mut Text) -> Result<(Version, bool), ReadError> {
     let number = text.need("the version of the format, as 2.2 or 4.1")?;
     let version = match number.f64("the version of the format, as 2.2 or 4.1")? {
         v if (1.0..2.0).contains(&v) => Version::V1,
@@ -79,12 +85,18 @@ fn mesh_format(text: &mut Text) -> Result<Version, ReadError> {
             return Err(unsupported(number.line, found, "version 1, 2.x, 4.0 or 4.1"));
         }
     };
-    let kind = text.need("the file type, 0 for ASCII")?;
-    if kind.i64("the file type, 0 for ASCII")? != 0 {
-        return Err(unsupported(kind.line, "a binary mesh".into(), "an ASCII mesh (file type 0)"));
+    let expected = "the file type, 0 for ASCII, 1 for binary";
+    let kind = text.need(expected)?;
+    let is_binary = kind.i64(expected)? != 0;
+    if is_binary {
+        let size = text.i64("the size of a number in bytes, 8")?;
+        if !matches!(version, Version::V2 | Version::V41) || size != 8 || !kind.is("1") {
+            let expected = "an ASCII mesh (file type 0), or one of version 2.x or 4.1 with numbers of 8 bytes";
+            return Err(unsupported(kind.line, "a binary mesh".into(), expected));
+        }
     }
     text.skip_line();
-    Ok(version)
+    Ok((version, is_binary))
 }
 
 fn unsupported(line: usize, found: String, expected: &str) -> ReadError {

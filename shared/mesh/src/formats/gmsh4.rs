@@ -1,4 +1,4 @@
-//! Gmsh 4.0 and 4.1 ASCII: blocks of nodes and of elements, one per entity of the geometry.
+//! Gmsh 4.0 and 4.1 as text: blocks of nodes and of elements, one per entity of the geometry.
 
 use super::builder::Builder;
 use super::gmsh::{Version, corners, end, is_other_volume, is_tet};
@@ -12,8 +12,14 @@ pub(crate) struct Physical {
 }
 
 impl Physical {
+    /// Notes a volume and its first physical group.
+    pub fn add(&mut self, volume: i64, group: i64) {
+        let at = self.volumes.partition_point(|known| *known < (volume, group));
+        self.volumes.insert(at, (volume, group));
+    }
+
     /// Region of an element of volume `entity`: its first physical group, else the volume's own tag.
-    fn region(&self, entity: i64) -> i64 {
+    pub fn region(&self, entity: i64) -> i64 {
         self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag).map_or(entity, |found| self.volumes[found].1)
     }
 

@@ -1,10 +1,11 @@
-//! VTK's legacy ASCII files: `UNSTRUCTURED_GRID` for volumes, `POLYDATA` for surfaces, in the form before and since version 5.
+//! VTK's legacy files, ASCII or binary: `UNSTRUCTURED_GRID` for volumes, `POLYDATA` for surfaces, in the form before and since version 5.
 //!
 //! Follows the chapter on file formats of VTK's user's guide. Of mixed cells the tets are taken.
 
 use super::builder::Builder;
+use super::vtk_legacy_binary as binary;
 use crate::error::{Place, ReadError, ReadErrorKind};
-use crate::text::{Text, Token};
+use crate::text::{Text, Token, narrow};
 use crate::types::TriangleMesh;
 
 /// Cells as one list of point indices and where each cell starts and ends in it.
@@ -16,7 +17,7 @@ pub(crate) struct Cells {
     pub place: Option<Place>,
 }
 
-const CURE: &str = "save it as ASCII (ParaView: File > Save Data, file type Ascii; or: meshio ascii FILE)";
+pub(super) const CURE: &str = "save it as ASCII (ParaView: File > Save Data, file type Ascii; or: meshio ascii FILE)";
 
 struct File {
     dataset: String,
@@ -110,10 +111,11 @@ fn parse(bytes: &[u8]) -> Result<File, ReadError> {
     let mut text = Text::new(bytes, None);
     text.rest_of_first_line(); // “# vtk DataFile Version 3.0”
     text.skip_line(); // title
-    let coding = text.need("ASCII")?;
-    if !coding.is("ASCII") {
+    let coding = text.need("ASCII or BINARY")?;
+    let is_binary = coding.is("BINARY");
+    if !is_binary && !coding.is("ASCII") {
         let place = Place::Line(coding.line);
-        return Err(ReadError::new(ReadErrorKind::Unsupported, place, coding.shown(), "ASCII", CURE));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, place, coding.shown(), "ASCII or BINARY", CURE));
     }
     let mut file = File {
         dataset: "none".into(),
@@ -126,14 +128,14 @@ fn parse(bytes: &[u8]) -> Result<File, ReadError> {
         if token.is("DATASET") {
             file.dataset = String::from_utf8_lossy(text.need("the type of the dataset")?.bytes).into_owned();
         } else if token.is("POINTS") {
-            points(&mut text, &mut file.points)?;
+            points(&mut text, is_binary, &mut file.points)?;
         } else if token.is("CELLS") {
-            file.cells = cells(&mut text, token)?;
+            file.cells = cells(&mut text, is_binary, token)?;
         } else if token.is("POLYGONS") {
-            file.polygons = cells(&mut text, token)?;
+            file.polygons = cells(&mut text, is_binary, token)?;
         } else if token.is("CELL_TYPES") {
             let count = text.count("the number of cell types", 2)?;
-            file.types = integers(&mut text, count, "the type of cell")?;
+            file.types = integers(&mut text, count, INT.filter(|_| is_binary), "the type of cell")?;
         } else if token.is("CELL_DATA") || token.is("POINT_DATA") {
             break; // what follows is not about shape
         }
@@ -141,9 +143,23 @@ fn parse(bytes: &[u8]) -> Result<File, ReadError> {
     Ok(file)
 }
 
-fn points(text: &mut Text, points: &mut Vec<([f32; 3], Place)>) -> Result<(), ReadError> {
+/// The type of what has none in its head.
+const INT: Option<&[u8]> = Some(b"int");
+
+fn points(text: &mut Text, is_binary: bool, points: &mut Vec<([f32; 3], Place)>) -> Result<(), ReadError> {
     let count = text.count("the number of points", 6)?; // “0 0 0” and its line end
-    text.need("the type of the coordinates")?;
+    let kind = text.need("the type of the coordinates")?;
+    if is_binary {
+        let place = Place::Byte(text.at());
+        for (nth, point) in binary::reals(text, 3 * count, kind.bytes, "coordinates")?.chunks_exact(3).enumerate() {
+            let mut position = [0.0; 3];
+            for (coordinate, value) in position.iter_mut().zip(point) {
+                *coordinate = narrow(*value, place, || format!("{value} in point {nth} of {count}, counted from 0"))?;
+            }
+            points.push((position, place));
+        }
+        return Ok(());
+    }
     for nth in 0..count {
         let what = format!("point {nth} of {count}, counted from 0");
         let place = text.peek().map_or(text.place(), |token| Place::Line(token.line));
@@ -153,24 +169,41 @@ fn points(text: &mut Text, points: &mut Vec<([f32; 3], Place)>) -> Result<(), Re
 }
 
 /// `CELLS n size` with `k i₁ … iₖ` per cell, or since version 5.1 `CELLS n+1 size` with `OFFSETS` and `CONNECTIVITY`.
-fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
+fn cells(text: &mut Text, is_binary: bool, head: Token) -> Result<Cells, ReadError> {
     let count = text.count("the number of cells", 2)?;
     let size = text.count("the size of the cell list", 2)?;
     let mut cells = Cells { place: Some(Place::Line(head.line)), ..Cells::default() };
     if text.peek().is_some_and(|token| token.is("OFFSETS")) {
         text.need("OFFSETS")?;
-        text.need("the type of the offsets")?;
-        cells.offsets = integers(text, count, "an offset")?;
+        let kind = text.need("the type of the offsets")?.bytes;
+        cells.offsets = integers(text, count, is_binary.then_some(kind), "an offset")?;
         let word = text.need("CONNECTIVITY")?;
         if !word.is("CONNECTIVITY") {
             let cure = "the file is damaged: export it again";
             return Err(ReadError::new(ReadErrorKind::Syntax, Place::Line(word.line), word.shown(), "CONNECTIVITY", cure));
         }
-        text.need("the type of the indices")?;
-        cells.connectivity = integers(text, size, "a point index")?;
+        let kind = text.need("the type of the indices")?.bytes;
+        cells.connectivity = integers(text, size, is_binary.then_some(kind), "a point index")?;
         return Ok(cells);
     }
     cells.offsets.push(0);
+    if is_binary {
+        let list = integers(text, size, INT, "the cells")?;
+        let mut rest = list.as_slice();
+        for nth in 0..count {
+            let place = Place::Byte(text.at());
+            let corners = rest.split_first().and_then(|(corners, after)| after.split_at_checked(usize::try_from(*corners).ok()?));
+            let (corners, after) = corners.ok_or_else(|| {
+                let found = format!("cell {nth} of {count} with more points than there are");
+                let cure = "the file is damaged: export it again";
+                ReadError::new(ReadErrorKind::Syntax, place, found, format!("a list of {size} numbers for all cells"), cure)
+            })?;
+            cells.connectivity.extend(corners);
+            cells.offsets.push(cells.connectivity.len() as i64);
+            rest = after;
+        }
+        return Ok(cells);
+    }
     for nth in 0..count {
         let corners = text.count(&format!("the number of points of cell {nth} of {count}"), 2)?;
         for _ in 0..corners {
@@ -181,6 +214,10 @@ fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
     Ok(cells)
 }
 
-fn integers(text: &mut Text, count: usize, what: &str) -> Result<Vec<i64>, ReadError> {
+/// Whole numbers as text; with a type, as binary from the next line on.
+fn integers(text: &mut Text, count: usize, binary_kind: Option<&[u8]>, what: &str) -> Result<Vec<i64>, ReadError> {
+    if let Some(kind) = binary_kind {
+        return binary::integers(text, count, kind, what);
+    }
     (0..count).map(|nth| text.need(what)?.i64(&format!("{what} ({nth} of {count})"))).collect()
 }

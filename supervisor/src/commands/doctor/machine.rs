@@ -1,16 +1,17 @@
-//! What a station needs of the machine itself: programs, cores, rights, memory, disk.
+//! What a station needs of the machine itself: programs, rights, shared memory, disk.
 
 use super::{Finding, Machine};
+use crate::guardian::{NEEDED_BYTES, size_for};
 use crate::recording::{MOST_BYTES_PER_S, SHORT_S};
 use hyst_engine::realtime::WATCH_PRIORITY;
-use hyst_exchange::system;
+use hyst_exchange::{locking, system};
 use hyst_messages::Role;
 use rustix::fs::{Access, StatVfs, StatVfsMountFlags};
 use rustix::process::{Resource, getrlimit};
 use std::path::Path;
 
-/// Memory that the real-time processes lock together, bytes.
-const LOCKED_BYTES: u64 = 256 << 20;
+/// More than a real-time process maps, and may map later, bytes: it counts whether it is ever touched or not.
+const LOCKED_BYTES: u64 = locking::HEADROOM_BYTES + (1 << 30);
 
 /// More than an hour of a recording takes, bytes.
 const HOUR_BYTES: u64 = (MOST_BYTES_PER_S * SHORT_S) as u64;
@@ -24,10 +25,9 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
     let shm = rustix::fs::statvfs(machine.path("/dev/shm")).ok();
     vec![
         programs(machine, &folder),
-        cores(machine, system::cores()),
-        real_time(granted(), system::user_id() == 0),
+        real_time(granted(), system::user_id() == 0, may_be_nice(&machine.text("/proc/self/status"))),
         preemption(machine),
-        locked_memory(getrlimit(Resource::Memlock).current, system::user_id() == 0),
+        locked_memory(getrlimit(Resource::Memlock).current, locking::is_exempt()),
         shared_memory(machine, shm.as_ref().map(room)),
         copies(shm.is_some_and(|mounted| mounted.f_flag.contains(StatVfsMountFlags::NOEXEC))),
         throttling(machine),
@@ -61,40 +61,23 @@ fn programs(machine: &Machine, folder: &Path) -> Finding {
     }
 }
 
-/// Cores that this process may run on, and what a container's or a service's quota leaves of them.
-fn cores(machine: &Machine, count: usize) -> Finding {
-    let found = format!("{count}");
-    match quota_cores(machine) {
-        _ if count < 2 => Finding::weak("cores", found, "give the station two cores: the two servos belong on different ones"),
-        Some(quota) if quota < 2.0 => Finding::weak(
-            "cores",
-            format!("{found}, of which a quota leaves the time of {quota:.1}"),
-            "raise it to two cores: docker --cpus=2, systemd CPUQuota=200%; what is above it stands still until the next period",
-        ),
-        _ => Finding::good("cores", found),
-    }
-}
-
-/// The least quota among this process' control group and those above it, in cores.
-fn quota_cores(machine: &Machine) -> Option<f64> {
-    let groups = machine.text("/proc/self/cgroup");
-    let group = groups.lines().find_map(|line| line.strip_prefix("0::")).unwrap_or("/");
-    let above = Path::new(group).ancestors().filter_map(|group| group.strip_prefix("/").ok());
-    let quotas = above.filter_map(|group| {
-        let text = machine.text(Path::new("/sys/fs/cgroup").join(group).join("cpu.max"));
-        let (quota_us, period_us) = text.trim().split_once(' ')?;
-        Some(quota_us.parse::<f64>().ok()? / period_us.parse::<f64>().ok().filter(|period_us| *period_us > 0.0)?)
-    });
-    quotas.min_by(f64::total_cmp)
-}
-
 /// Whether SCHED_FIFO is granted at all, and at the highest priority that a station has. Asked of threads that end at once, so that nothing here runs in real time.
 fn granted() -> [bool; 2] {
     [1, WATCH_PRIORITY].map(|priority| std::thread::spawn(move || system::become_fifo(priority)).join().unwrap_or(false))
 }
 
-fn real_time([any, all]: [bool; 2], is_root: bool) -> Finding {
-    let cure = if is_root {
+/// Whether a process has CAP_SYS_NICE, by what the kernel says of it.
+fn may_be_nice(status: &str) -> bool {
+    const BIT: u32 = 23;
+    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    effective.and_then(|set| u64::from_str_radix(set.trim(), 16).ok()).is_some_and(|set| (set >> BIT) & 1 == 1)
+}
+
+fn real_time([any, all]: [bool; 2], is_root: bool, has_right: bool) -> Finding {
+    let cure = if has_right {
+        "the right is there, so the control group has no real time (a kernel with CONFIG_RT_GROUP_SCHED: docker --cpu-rt-runtime=950000, or start it outside \
+         of the group), or a filter of system calls refuses it (docker --security-opt seccomp=unconfined)"
+    } else if is_root {
         "give docker --cap-add SYS_NICE, or the service AmbientCapabilities=CAP_SYS_NICE"
     } else {
         "run as root, or put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf and log in again, or give docker --cap-add SYS_NICE"
@@ -139,9 +122,9 @@ fn mode_of_preemption<'a>(version: &str, command_line: &'a str, switch: &'a str)
     in_force.or(asked).or(built_in)
 }
 
-fn locked_memory(limit: Option<u64>, is_root: bool) -> Finding {
+fn locked_memory(limit: Option<u64>, is_exempt: bool) -> Finding {
     let found = limit.map_or("unlimited".to_string(), |bytes| format!("limit {} MiB", bytes >> 20));
-    if limit.is_none_or(|bytes| bytes >= LOCKED_BYTES) || is_root {
+    if limit.is_none_or(|bytes| bytes >= LOCKED_BYTES) || is_exempt {
         return Finding::good("locked memory", found);
     }
     let cure = "put `@users - memlock unlimited` into /etc/security/limits.d/hystation.conf and log in again, or give docker --ulimit memlock=-1";
@@ -154,14 +137,17 @@ fn shared_memory(machine: &Machine, room: Option<Room>) -> Finding {
     let mount = "mount a tmpfs there: `mount -t tmpfs -o size=1g,mode=1777 tmpfs /dev/shm`";
     let Some(Room { size, free }) = room else { return Finding::bad(WHAT, "is not there", mount) };
     let found = format!("{} MiB free of {} MiB", free >> 20, size >> 20);
+    let enough = size_for(size.saturating_sub(free).saturating_add(NEEDED_BYTES));
     let mounts = machine.text("/proc/mounts");
     // The last one that was mounted there is the one that is seen.
     let kind = mounts.lines().rev().find_map(|line| {
         let mut words = line.split(' ').skip(1);
         if words.next() == Some(WHAT) { words.next() } else { None }
     });
-    if free < crate::guardian::NEEDED_BYTES {
-        let cure = "free it (`ls -l /dev/shm`) or enlarge it: `mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g";
+    if free < NEEDED_BYTES {
+        let cure = format!(
+            "free it (`ls -l /dev/shm`) or enlarge it: `mount -o remount,size={enough} /dev/shm`, docker: --shm-size={enough}"
+        );
         Finding::bad(WHAT, found, cure)
     } else if !(machine.may)(&machine.path(WHAT), Access::WRITE_OK) {
         Finding::bad(WHAT, "may not be written by this user", "`chmod 1777 /dev/shm`, or mount it writable")

@@ -200,10 +200,17 @@ fn gpus(machine: &Machine) -> Vec<Gpu> {
     gpus
 }
 
-/// Whether there is a window to be had.
+/// Whether there is a window to be had: it is one of X11.
 pub fn display(machine: &Machine) -> Finding {
-    let display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().find_map(|name| machine.variable(name));
-    Finding::good("display", display.unwrap_or("none: the station runs headless, with a scripted hand"))
+    match (machine.variable("DISPLAY"), machine.variable("WAYLAND_DISPLAY")) {
+        (Some(display), _) => Finding::good("display", display),
+        (None, Some(wayland)) => Finding::weak(
+            "display",
+            format!("{wayland} of Wayland alone, and the window is one of X11: the station runs headless, with a scripted hand"),
+            "`apt install xwayland` and log in again; then DISPLAY is set, too",
+        ),
+        (None, None) => Finding::good("display", "none: the station runs headless, with a scripted hand"),
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ mod spent;
 use super::super::Supervisor;
 use super::Trial;
 use crate::policy::{Cause, Reason};
-use crate::proc::{START_UNIT_NS, ThreadFiles};
+use crate::proc::ThreadFiles;
 use hyst_exchange::system;
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -127,7 +127,7 @@ impl Supervisor {
         let steps = self.steps_of(slot);
         let pid = self.viewer.page().pid(slot);
         // Since its start and not since it was seen to be ready: a supervisor that is restarted sees that late.
-        let start_ns = system::process_start(pid).map_or(u64::MAX, |start| start.saturating_mul(START_UNIT_NS));
+        let start_ns = system::process_start(pid).map_or(u64::MAX, system::started_ns);
         let passed_ns = system::now_ns().saturating_sub(start_ns);
         let spent = ThreadFiles::open(pid).and_then(|files| ran_and_waited_ns(&files, slot.role()));
         let (ran_ns, waited_ns) = spent.unwrap_or((0, 0));

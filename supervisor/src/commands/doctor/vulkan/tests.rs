@@ -131,11 +131,17 @@ fn the_environment_says_where_drivers_are_instead_of_or_beside_the_folders() {
     assert_found(&made, State::Good, &["the software driver (libvk_swiftshader.so)"]);
 }
 
+/// One of Wayland was called good, and no window opened there.
 #[test]
-fn a_display_is_whichever_of_the_two_says_something() {
+fn a_display_is_one_of_x11_and_without_it_one_of_wayland_is_told_what_it_lacks() {
     let mut made = MadeUp::new("display");
     made.set("DISPLAY", "");
-    assert!(display(&made.0).found.contains("headless"));
+    let none = display(&made.0);
+    assert!(none.state == State::Good && none.found.contains("headless"), "{none:?}");
     made.set("WAYLAND_DISPLAY", "wayland-0");
-    assert_eq!(display(&made.0).found, "wayland-0");
+    let wayland = display(&made.0);
+    assert!(wayland.state == State::Weak && wayland.found.contains("wayland-0"), "{wayland:?}");
+    assert!(wayland.cure.is_some_and(|cure| cure.contains("xwayland")));
+    made.set("DISPLAY", ":1");
+    assert_eq!((display(&made.0).state, display(&made.0).found), (State::Good, ":1".to_string()));
 }
