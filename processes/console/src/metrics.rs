@@ -174,6 +174,9 @@ fn recording(look: &Look, registry: &mut Registry) {
 }
 
 #[cfg(test)]
+mod strict;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::look::{Pictures, Process, Recording, Status, Tissue};
