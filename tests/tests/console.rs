@@ -1,10 +1,12 @@
 //! The operator's page of a whole station, asked by a plain client: who may come in, what is shown, what can be changed, and what becomes of it when the
 //! console dies or browsers stall.
 
+use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::page::{ANSWER_LIMIT, Page};
 use station_tests::shown::not_shown;
+use station_tests::windows::Pairs;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -16,6 +18,10 @@ const STALLED: [usize; 2] = [16, 64];
 const STREAM_TICKS: u64 = 15_000;
 /// Memory that browsers which stall may take of the console, and what it has become when it has shown everything once, KiB.
 const MOST_GROWN_KIB: u64 = 20 * 1024;
+/// Windows in which browsers stall, and the ticks of each.
+const WINDOWS: usize = 4;
+/// See [`WINDOWS`].
+const WINDOW_TICKS: u64 = 1_500;
 
 fn pid_of(look: &Value, name: &str) -> Option<i64> {
     look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
@@ -269,6 +275,19 @@ fn assert_stalled_browsers_are_nothing_to_others(station: &Station, page: &Page)
     drop(more);
 }
 
+/// Browsers that stall in window after window, more of them than there are seats, cost the hand no tick.
+fn assert_stalled_browsers_are_not_felt(station: &Station, page: &Page) {
+    let mut pairs = Pairs::default();
+    for _ in 0..WINDOWS {
+        pairs.around(station, WINDOW_TICKS, || {
+            let stalled = stall(page, STALLED[1]);
+            station.run_ticks(WINDOW_TICKS);
+            drop(stalled);
+        });
+    }
+    pairs.judge("browsers that stall", WINDOWS, station);
+}
+
 #[test]
 fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
     let station = Station::start("again", &["--hand", "script:press"]);
@@ -283,6 +302,9 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     assert!(looks.is_some(), "{}", station.said());
 
     assert_stalled_browsers_are_nothing_to_others(&station, &page);
+    assert_stalled_browsers_are_not_felt(&station, &page);
+    let log = std::fs::read_to_string(station.place().log(Slot::first(Role::Console))).unwrap_or_default();
+    assert!(log.contains("all 32 seats of the operator's page are taken"), "nobody says why others wait:\n{log}");
 
     // One that hangs is found by its heartbeat as any other.
     let pid = station.pid("console", true);
