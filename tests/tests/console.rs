@@ -4,7 +4,7 @@
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
-use station_tests::page::{ANSWER_LIMIT, Page};
+use station_tests::page::{ANSWER_LIMIT, Answer, Page};
 use station_tests::shown::not_shown;
 use station_tests::windows::Pairs;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
@@ -27,6 +27,12 @@ fn pid_of(look: &Value, name: &str) -> Option<i64> {
     look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
 }
 
+/// The figures for monitors, once the supervisor has answered.
+fn metrics(page: &Page) -> Answer {
+    let heard = |answer: &Answer| answer.text().contains("hystation_supervisor_answers 1.0\n");
+    wait_for(RECOVERY_LIMIT, || Some(page.get("/metrics")).filter(heard)).expect("a supervisor that answers")
+}
+
 /// Whether status, terminal, page and metrics of a station say that faults may be injected: all of them, or none. What a browser makes of the page, `browser.rs` sees.
 fn assert_told_of_test_mode(station: &Station, page: &Page, is_on: bool) {
     let (_, status, _) = run(hystation().args(["--name", station.name(), "status"]));
@@ -36,7 +42,8 @@ fn assert_told_of_test_mode(station: &Station, page: &Page, is_on: bool) {
     let look = page.event("look", |look| look["test_mode"].is_boolean()).expect("a look");
     assert_eq!(look["test_mode"], is_on, "{look}");
     let metric = format!("hystation_test_mode {:.1}\n", f64::from(u8::from(is_on)));
-    assert!(page.get("/metrics").text().contains(&metric), "{}", page.get("/metrics").text());
+    let metrics = metrics(page).text();
+    assert!(metrics.contains(&metric), "{metrics}");
     // The banner is hidden until a look says otherwise.
     let first = page.get("/").text();
     let banner = first.lines().find(|line| line.contains("id=\"banner\"")).unwrap_or_default();
@@ -101,7 +108,7 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     };
     let fast = page.event("look", |look| rate(look).is_some_and(|rate| rate > 100.0) && look["pump"]["pressure_mmhg"].is_f64());
     assert!(fast.is_some(), "{look}");
-    let metrics = page.get("/metrics");
+    let metrics = metrics(&page);
     assert_eq!(metrics.header("content-type"), Some("application/openmetrics-text; version=1.0.0; charset=utf-8"));
     assert!(metrics.text().contains("hystation_process_up{process=\"device\",role=\"device\"} 1.0\n"), "{}", metrics.text());
     assert!(metrics.text().ends_with("# EOF\n"));
