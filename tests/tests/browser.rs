@@ -346,7 +346,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the event", LOOK, |look| look["events"].as_array()?.iter().any(died).then_some(()));
     browser.wait("the new recorder", LOOK, |look| {
         let pid = look["rows"]["recorder"]["pid"].as_str()?;
-        (pid != before && pid != "0").then_some(())
+        (pid != before && pid != "0" && look["rows"]["recorder"]["restarts"] == "1").then_some(())
     });
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
     drop(browser);

@@ -147,6 +147,35 @@ fn a_port_that_is_taken_is_no_obstacle_and_the_other_one_is_kept() {
     assert_eq!(stage.stop(), Some(0));
 }
 
+#[test]
+fn it_listens_at_one_address_of_this_machine_and_hears_one_request_of_each_connection() {
+    let mut stage = Stage::new("alone", 0);
+    let address = stage.start(1);
+    let Address { port, token } = &address;
+    // Every 127.x.y.z is this machine, too: who listens everywhere would be found there.
+    assert!(TcpStream::connect((Ipv4Addr::new(127, 0, 0, 2), *port)).is_err());
+    let request = |line: &str| format!("{line} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n");
+    let (refused, good) = (request("GET /?token=0"), request(&format!("GET /metrics?token={token}")));
+    // What follows is never taken for a request of its own, whoever is said to have sent what comes before, and however long that is said to be.
+    for first in [
+        format!("{refused}\r\n"),
+        format!("{good}\r\n"),
+        format!("{refused}Content-Length: 3\r\n\r\nabc"),
+        format!("{refused}Content-Length: 9\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"),
+    ] {
+        let mut stream = open(*port, &format!("{first}{good}\r\n"));
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer); // who sends more than is heard may be cut off behind the answer
+        assert_eq!(
+            String::from_utf8_lossy(&answer).matches("HTTP/1.1 ").count(),
+            1,
+            "{first}: {}",
+            String::from_utf8_lossy(&answer)
+        );
+    }
+    assert_eq!(stage.stop(), Some(0));
+}
+
 /// Whoever could open connections kept all seats for 20 s each, without a token, and browsers that had one waited.
 #[test]
 fn who_shows_no_token_gives_his_seat_up_before_who_does_and_one_line_says_that_all_were_taken() {

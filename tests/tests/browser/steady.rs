@@ -1,7 +1,7 @@
 //! What of the page stands still: its rows while figures come and go, and its pictures for who is ill of motion; and that what nobody knows is no figure.
 
 use crate::glance::set_screen;
-use serde_json::json;
+use serde_json::{Value, json};
 use station_tests::browser::Browser;
 
 /// Screens on which units stand below their figures, CSS pixels: what a laptop's screen is when it is enlarged four times, phones, half a
@@ -43,6 +43,10 @@ const UNKNOWN: &str = r"(() => {
     return [age('live'), age('spare'), document.getElementById('pump-unknown').getAttribute('role')];
 })()";
 
+/// How many lines the plots of a process have: of its rate, its wake-ups and its loop.
+const PLOTS: &str =
+    "[...document.querySelectorAll('#process-device svg.plot')].map(plot => plot.querySelectorAll('polyline').length)";
+
 /// Notes when the page asks for pictures; gives what it says of them.
 const CALM: &str = r"(() => {
     const usual = window.fetch;
@@ -67,6 +71,10 @@ pub fn assert_steady(browser: &mut Browser) {
         );
         assert_eq!(rows["long"], json!([]), "units of two lines at {screen:?}");
     }
+    let are_drawn = |plots: &Value| {
+        plots.as_array()?.iter().all(|lines| lines.as_u64() >= Some(1)).then(|| plots.as_array().map_or(0, Vec::len))
+    };
+    assert_eq!(browser.wait("a line in each plot of the device", PLOTS, are_drawn), 3);
     assert_eq!(browser.evaluate(UNKNOWN), Some(json!(["9680.5", "–", "status"])));
     assert_less_motion_is_heeded(browser);
 }
@@ -78,7 +86,7 @@ fn assert_less_motion_is_heeded(browser: &mut Browser) {
     let words = "25.0 pictures a second of 25 that it aims at, drawn at 640 × 480. One in two seconds is shown, for this browser asks for less motion.";
     assert_eq!(browser.evaluate(CALM), Some(json!([true, words])));
     let asked = browser.wait("that pictures are asked for", "picturesAsked", |asked| {
-        let asked: Vec<f64> = asked.as_array()?.iter().filter_map(serde_json::Value::as_f64).collect();
+        let asked: Vec<f64> = asked.as_array()?.iter().filter_map(Value::as_f64).collect();
         (asked.len() >= LEAST_ASKED).then_some(asked)
     });
     assert!(asked.windows(2).all(|two| two[1] - two[0] >= LEAST_STAND_MS), "a picture stands for too short: {asked:?} ms");
