@@ -175,13 +175,15 @@ pub struct Visit {
     end: Pin<Box<Sleep>>,
     pass: Pass,
     known_by: Pin<Box<Sleep>>,
+    /// He was unknown when that time was over.
+    is_late: bool,
     _seat: Option<OwnedSemaphorePermit>,
 }
 
 impl Visit {
     fn of(stream: TcpStream, seat: Option<OwnedSemaphorePermit>) -> Visit {
         let [end, known_by] = [VISIT, UNKNOWN].map(|time| Box::pin(tokio::time::sleep(time)));
-        Visit { stream, end, pass: Pass::default(), known_by, _seat: seat }
+        Visit { stream, end, pass: Pass::default(), known_by, is_late: false, _seat: seat }
     }
 
     /// The connection while it may go on.
@@ -192,9 +194,17 @@ impl Visit {
         Ok(Pin::new(&mut self.stream))
     }
 
-    /// Whether he who says nothing more has been unknown for too long. What he has said is read before, however late this process comes to it.
+    /// Whether he who says nothing more has been unknown for too long. Where this process itself comes late, what he said in time is read by now and not yet
+    /// judged: so he is looked at once more.
     fn is_stranger(&mut self, context: &mut Context<'_>) -> bool {
-        !self.pass.is_shown() && self.known_by.as_mut().poll(context).is_ready()
+        if self.pass.is_shown() || self.known_by.as_mut().poll(context).is_pending() {
+            return false;
+        }
+        let was_late = std::mem::replace(&mut self.is_late, true);
+        if !was_late {
+            context.waker().wake_by_ref();
+        }
+        was_late
     }
 }
 
