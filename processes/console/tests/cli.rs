@@ -18,6 +18,14 @@ const BINARY: &str = env!("CARGO_BIN_EXE_console");
 const LOOKS: usize = 30_000;
 /// Seats that the page has.
 const SEATS: usize = 32;
+/// What every answer says beside its content: so that the token is told to nobody, and the answer kept, framed and loaded by nobody.
+const SEALS: [&str; 5] = [
+    "referrer-policy: no-referrer",
+    "cache-control: no-store",
+    "x-frame-options: DENY",
+    "x-content-type-options: nosniff",
+    "cross-origin-resource-policy: same-origin",
+];
 
 fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     for _ in 0..LOOKS {
@@ -148,7 +156,7 @@ fn a_port_that_is_taken_is_no_obstacle_and_the_other_one_is_kept() {
 }
 
 #[test]
-fn it_listens_at_one_address_of_this_machine_and_hears_one_request_of_each_connection() {
+fn it_listens_at_one_address_of_this_machine_hears_one_request_of_each_connection_and_seals_every_answer() {
     let mut stage = Stage::new("alone", 0);
     let address = stage.start(1);
     let Address { port, token } = &address;
@@ -156,6 +164,10 @@ fn it_listens_at_one_address_of_this_machine_and_hears_one_request_of_each_conne
     assert!(TcpStream::connect((Ipv4Addr::new(127, 0, 0, 2), *port)).is_err());
     let request = |line: &str| format!("{line} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n");
     let (refused, good) = (request("GET /?token=0"), request(&format!("GET /metrics?token={token}")));
+    for answer in [&refused, &good].map(|request| ask(*port, &format!("{request}\r\n"))) {
+        let head = answer.split("\r\n\r\n").next().unwrap_or_default();
+        assert!(SEALS.iter().all(|seal| head.lines().any(|line| line == *seal)), "{head}");
+    }
     // What follows is never taken for a request of its own, whoever is said to have sent what comes before, and however long that is said to be.
     for first in [
         format!("{refused}\r\n"),
