@@ -1,6 +1,6 @@
 //! What the person at the station sees: the live table in a terminal, and the window under a display of its own.
 
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, Pose};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED};
 use rustix::process::Signal;
 use station_tests::display::Display;
 use station_tests::{Folder, RECOVERY_LIMIT, START_LIMIT, STOP_LIMIT, Station, binaries, hystation, run, wait_for};
@@ -144,35 +144,39 @@ fn until_moved(station: &Station, what: &str, press: impl Fn(), has_moved: impl 
 
 /// The wheel goes in and out, the right button turns the scope, the arrow keys tilt it.
 fn move_by_the_rest(display: &Display, station: &Station) {
-    let twist =
-        ["mousemove", "300", "240", "mousedown", "3", "sleep", "0.1", "mousemove", "360", "240", "sleep", "0.2", "mouseup", "3"];
-    let ways: [(&str, &[&str], fn(&Pose) -> f32, f32); 3] = [
-        ("the wheel", &["click", "--repeat", "2", "5"], |pose| pose.insertion_m, 1e-3),
-        ("right button", &twist, |pose| pose.roll_rad, 0.05),
-        ("arrow down", &["keydown", "Down", "sleep", "0.3", "keyup", "Down"], |pose| pose.pitch_rad, 0.02),
-    ];
-    for (what, words, part, least) in ways {
-        let before = part(&station.sample().pose);
-        let press = || {
-            display.xdotool(words);
-        };
-        until_moved(station, what, press, || (part(&station.sample().pose) - before).abs() > least);
-    }
+    let pose = || station.sample().pose;
+    let press = |words: &[&str]| {
+        display.xdotool(words);
+    };
+    let before = pose().insertion_m;
+    let wheel = || press(&["click", "--repeat", "2", "5"]);
+    until_moved(station, "the wheel", wheel, || (pose().insertion_m - before).abs() > 1e-3);
+    let before = pose().roll_rad;
+    let twist = || {
+        press(&["mousemove", "300", "240", "mousedown", "3", "sleep", "0.1"]);
+        press(&["mousemove", "360", "240", "sleep", "0.2", "mouseup", "3"]);
+    };
+    until_moved(station, "right button", twist, || (pose().roll_rad - before).abs() > 0.05);
+    let before = pose().pitch_rad;
+    let tilt = || press(&["keydown", "Down", "sleep", "0.3", "keyup", "Down"]);
+    until_moved(station, "arrow down", tilt, || (pose().pitch_rad - before).abs() > 0.02);
 }
 
 /// I and O shut and open a valve, L brings the loop out and in, T dims the light; each is pressed twice, so that all stand as before.
 fn turn_by_keys(display: &Display, station: &Station) {
-    let turned: [(&str, fn(&Controls) -> bool); 4] = [
-        ("i", |controls| controls.inflow_valve == 0.0),
-        ("o", |controls| controls.outflow_valve == 0.0),
-        ("l", |controls| controls.buttons & BUTTON_EXTENDED != 0),
-        ("t", |controls| controls.light < 0.5),
-    ];
-    for (key, is_turned) in turned {
-        let is = || is_turned(&station.sample().controls);
-        let before = is();
-        display.press(station, key, "it turns nothing", || is() != before);
-        display.press(station, key, "it turns nothing back", || is() == before);
+    let is_turned = |key: &str| {
+        let controls = station.sample().controls;
+        match key {
+            "i" => controls.inflow_valve == 0.0,
+            "o" => controls.outflow_valve == 0.0,
+            "l" => controls.buttons & BUTTON_EXTENDED != 0,
+            _ => controls.light < 0.5,
+        }
+    };
+    for key in ["i", "o", "l", "t"] {
+        let before = is_turned(key);
+        display.press(station, key, "it turns nothing", || is_turned(key) != before);
+        display.press(station, key, "it turns nothing back", || is_turned(key) == before);
     }
 }
 
