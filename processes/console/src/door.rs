@@ -254,6 +254,32 @@ mod tests {
         assert_ne!(one, other);
     }
 
+    /// Of two looks at a silent connection, whose time to show the token is over, those in which it may go on.
+    async fn looks(listener: &TcpListener, is_shown: bool) -> [bool; 2] {
+        let _peer = TcpStream::connect(listener.local_addr().unwrap()).await.unwrap();
+        let mut visit = Visit::of(listener.accept().await.unwrap().0, None);
+        visit.known_by = Box::pin(tokio::time::sleep(Duration::from_millis(1)));
+        visit.known_by.as_mut().await;
+        if is_shown {
+            visit.pass.show();
+        }
+        std::future::poll_fn(|context| {
+            let mut look = || Pin::new(&mut visit).poll_read(context, &mut ReadBuf::new(&mut [0; 8])).is_pending();
+            Poll::Ready([look(), look()])
+        })
+        .await
+    }
+
+    #[test]
+    fn who_is_unknown_when_his_time_is_over_is_looked_at_once_more_and_who_has_shown_the_token_stays() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+            assert_eq!(looks(&listener, false).await, [true, false], "what he has said is judged between the two");
+            assert_eq!(looks(&listener, true).await, [true, true]);
+        });
+    }
+
     #[test]
     fn that_all_seats_are_taken_is_said_once_for_as_long_as_it_goes_on() {
         let is_full = Arc::new(AtomicBool::new(false));
