@@ -3,6 +3,8 @@
 
 #[path = "browser/glance.rs"]
 mod glance;
+#[path = "browser/steady.rs"]
+mod steady;
 
 use serde_json::{Value, json};
 use station_tests::browser::{Browser, has_chromium};
@@ -279,6 +281,7 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     assert!(colours >= least, "the page is drawn in {colours} colours");
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
     glance::assert_fits_narrow_screens(&mut browser);
+    steady::assert_steady(&mut browser);
     let [width, height] = SCREEN;
     glance::set_screen(&mut browser, SCREEN);
     let fits = browser.evaluate(FITS).expect("what fits");
@@ -343,7 +346,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the event", LOOK, |look| look["events"].as_array()?.iter().any(died).then_some(()));
     browser.wait("the new recorder", LOOK, |look| {
         let pid = look["rows"]["recorder"]["pid"].as_str()?;
-        (pid != before && pid != "0").then_some(())
+        (pid != before && pid != "0" && look["rows"]["recorder"]["restarts"] == "1").then_some(())
     });
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
     drop(browser);

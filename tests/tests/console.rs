@@ -1,10 +1,12 @@
 //! The operator's page of a whole station, asked by a plain client: who may come in, what is shown, what can be changed, and what becomes of it when the
 //! console dies or browsers stall.
 
+use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
-use station_tests::page::{ANSWER_LIMIT, Page};
+use station_tests::page::{ANSWER_LIMIT, Answer, Page};
 use station_tests::shown::not_shown;
+use station_tests::windows::Pairs;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -16,9 +18,19 @@ const STALLED: [usize; 2] = [16, 64];
 const STREAM_TICKS: u64 = 15_000;
 /// Memory that browsers which stall may take of the console, and what it has become when it has shown everything once, KiB.
 const MOST_GROWN_KIB: u64 = 20 * 1024;
+/// Windows in which browsers stall, and the ticks of each.
+const WINDOWS: usize = 4;
+/// See [`WINDOWS`].
+const WINDOW_TICKS: u64 = 1_500;
 
 fn pid_of(look: &Value, name: &str) -> Option<i64> {
     look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
+}
+
+/// The figures for monitors, once the supervisor has answered.
+fn metrics(page: &Page) -> Answer {
+    let heard = |answer: &Answer| answer.text().contains("hystation_supervisor_answers 1.0\n");
+    wait_for(RECOVERY_LIMIT, || Some(page.get("/metrics")).filter(heard)).expect("a supervisor that answers")
 }
 
 /// Whether status, terminal, page and metrics of a station say that faults may be injected: all of them, or none. What a browser makes of the page, `browser.rs` sees.
@@ -30,7 +42,8 @@ fn assert_told_of_test_mode(station: &Station, page: &Page, is_on: bool) {
     let look = page.event("look", |look| look["test_mode"].is_boolean()).expect("a look");
     assert_eq!(look["test_mode"], is_on, "{look}");
     let metric = format!("hystation_test_mode {:.1}\n", f64::from(u8::from(is_on)));
-    assert!(page.get("/metrics").text().contains(&metric), "{}", page.get("/metrics").text());
+    let metrics = metrics(page).text();
+    assert!(metrics.contains(&metric), "{metrics}");
     // The banner is hidden until a look says otherwise.
     let first = page.get("/").text();
     let banner = first.lines().find(|line| line.contains("id=\"banner\"")).unwrap_or_default();
@@ -95,7 +108,7 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     };
     let fast = page.event("look", |look| rate(look).is_some_and(|rate| rate > 100.0) && look["pump"]["pressure_mmhg"].is_f64());
     assert!(fast.is_some(), "{look}");
-    let metrics = page.get("/metrics");
+    let metrics = metrics(&page);
     assert_eq!(metrics.header("content-type"), Some("application/openmetrics-text; version=1.0.0; charset=utf-8"));
     assert!(metrics.text().contains("hystation_process_up{process=\"device\",role=\"device\"} 1.0\n"), "{}", metrics.text());
     assert!(metrics.text().ends_with("# EOF\n"));
@@ -269,6 +282,19 @@ fn assert_stalled_browsers_are_nothing_to_others(station: &Station, page: &Page)
     drop(more);
 }
 
+/// Browsers that stall in window after window, more of them than there are seats, cost the hand no tick.
+fn assert_stalled_browsers_are_not_felt(station: &Station, page: &Page) {
+    let mut pairs = Pairs::default();
+    for _ in 0..WINDOWS {
+        pairs.around(station, WINDOW_TICKS, || {
+            let stalled = stall(page, STALLED[1]);
+            station.run_ticks(WINDOW_TICKS);
+            drop(stalled);
+        });
+    }
+    pairs.judge("browsers that stall", WINDOWS, station);
+}
+
 #[test]
 fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
     let station = Station::start("again", &["--hand", "script:press"]);
@@ -283,6 +309,9 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     assert!(looks.is_some(), "{}", station.said());
 
     assert_stalled_browsers_are_nothing_to_others(&station, &page);
+    assert_stalled_browsers_are_not_felt(&station, &page);
+    let log = std::fs::read_to_string(station.place().log(Slot::first(Role::Console))).unwrap_or_default();
+    assert!(log.contains("all 32 seats of the operator's page are taken"), "nobody says why others wait:\n{log}");
 
     // One that hangs is found by its heartbeat as any other.
     let pid = station.pid("console", true);

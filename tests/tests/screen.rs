@@ -1,6 +1,7 @@
 //! What the person at the station sees: the live table in a terminal, and the window under a display of its own.
 
-use hyst_messages::BUTTON_ENERGIZED;
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED};
+use rustix::process::Signal;
 use station_tests::display::Display;
 use station_tests::{Folder, RECOVERY_LIMIT, START_LIMIT, STOP_LIMIT, Station, binaries, hystation, run, wait_for};
 use std::collections::BTreeSet;
@@ -15,6 +16,10 @@ const INK: [u8; 3] = [219, 242, 230];
 const HELP_INK: usize = 2_400;
 /// Black pixels about the round picture of 640 × 480, of which the view from outside has none: a third of those that there are.
 const ROUND_BLACK: usize = 40_000;
+/// The colour of the sign, and pixels of it that a sign has at least: a dozen letters with some ten each.
+const AMBER: [u8; 3] = [255, 189, 51];
+/// See [`AMBER`].
+const SIGN_INK: usize = 80;
 
 /// A station in a terminal of its own: `script` makes the pseudo-terminal and keeps what is drawn there.
 struct Terminal {
@@ -111,7 +116,7 @@ fn the_table_lives_says_who_died_and_ctrl_c_ends_it() {
 
     let victim = terminal.wait("the recorder", |screen| Some(row(screen, "recorder")?[2].to_string()));
     let pid = rustix::process::Pid::from_raw(victim.parse().expect("a process id")).expect("a process id");
-    rustix::process::kill_process(pid, rustix::process::Signal::KILL).expect("the process is ours");
+    rustix::process::kill_process(pid, Signal::KILL).expect("the process is ours");
     let says_so =
         |screen: &str| screen.lines().find(|line| line.contains("recorder") && line.contains("died")).map(str::to_string);
     let line = terminal.wait("that the recorder died", says_so);
@@ -135,6 +140,55 @@ fn until_moved(station: &Station, what: &str, press: impl Fn(), has_moved: impl 
         has_moved().then_some(())
     });
     assert!(moved.is_some(), "{what}: the hand did not move: {:?}\n{}", station.sample().pose, station.said());
+}
+
+/// The wheel goes in and out, the right button turns the scope, the arrow keys tilt it.
+fn move_by_the_rest(display: &Display, station: &Station) {
+    let pose = || station.sample().pose;
+    let press = |words: &[&str]| {
+        display.xdotool(words);
+    };
+    let before = pose().insertion_m;
+    let wheel = || press(&["click", "--repeat", "2", "5"]);
+    until_moved(station, "the wheel", wheel, || (pose().insertion_m - before).abs() > 1e-3);
+    let before = pose().roll_rad;
+    let twist = || {
+        press(&["mousemove", "300", "240", "mousedown", "3", "sleep", "0.1"]);
+        press(&["mousemove", "360", "240", "sleep", "0.2", "mouseup", "3"]);
+    };
+    until_moved(station, "right button", twist, || (pose().roll_rad - before).abs() > 0.05);
+    let before = pose().pitch_rad;
+    let tilt = || press(&["keydown", "Down", "sleep", "0.3", "keyup", "Down"]);
+    until_moved(station, "arrow down", tilt, || (pose().pitch_rad - before).abs() > 0.02);
+}
+
+/// I and O shut and open a valve, L brings the loop out and in, T dims the light; each is pressed twice, so that all stand as before.
+fn turn_by_keys(display: &Display, station: &Station) {
+    let is_turned = |key: &str| {
+        let controls = station.sample().controls;
+        match key {
+            "i" => controls.inflow_valve == 0.0,
+            "o" => controls.outflow_valve == 0.0,
+            "l" => controls.buttons & BUTTON_EXTENDED != 0,
+            _ => controls.light < 0.5,
+        }
+    };
+    for key in ["i", "o", "l", "t"] {
+        let before = is_turned(key);
+        display.press(station, key, "it turns nothing", || is_turned(key) != before);
+        display.press(station, key, "it turns nothing back", || is_turned(key) == before);
+    }
+}
+
+/// That a process was replaced is signed in the picture, in amber, and some seconds later no more.
+fn assert_a_replacement_is_signed(display: &Display, station: &Station) {
+    let (before, recorder) = (display.count(AMBER), station.pid("recorder", true));
+    station.signal_if_alive(recorder, Signal::KILL); // dead of another cause is as good
+    let signed = wait_for(RECOVERY_LIMIT, || (display.count(AMBER) >= before + SIGN_INK).then_some(()));
+    assert!(signed.is_some(), "no sign of a recorder that was replaced\n{}", station.said());
+    let gone = wait_for(RECOVERY_LIMIT, || (display.count(AMBER) < before + SIGN_INK / 2).then_some(()));
+    assert!(gone.is_some(), "the sign stays\n{}", station.said());
+    station.recover();
 }
 
 /// F1 brings the help and takes it away, V shows the view from outside and the one from inside again, F a nearer focus, Home a higher pressure, which is given, Pa.
@@ -203,6 +257,9 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     };
     until_moved(&station, "left button", drag, || turned(before.orientation, pose().orientation));
 
+    move_by_the_rest(&display, &station);
+    assert_a_replacement_is_signed(&display, &station);
+    turn_by_keys(&display, &station);
     let set_pa = switch_by_keys(&display, &station);
     enlarge(&display, &station, &window);
 
@@ -260,10 +317,10 @@ fn current_ends_with_the_window_that_wants_it_whether_its_process_hangs_or_dies_
     station.run_ticks(1_000);
     assert!(is_energized(&station), "a key that is held for a second is held\n{}", station.said());
     let rendering = station.pid("rendering", true);
-    station.signal(rendering, rustix::process::Signal::STOP);
+    station.signal(rendering, Signal::STOP);
     let ends = wait_for(RECOVERY_LIMIT, || (!is_energized(&station)).then_some(()));
     assert!(ends.is_some(), "who hangs has its finger on the current\n{}", station.said());
-    station.signal_if_alive(rendering, rustix::process::Signal::KILL);
+    station.signal_if_alive(rendering, Signal::KILL);
     station.wait_until_gone(rendering);
     assert_let_go(&display, &station, "its process died");
 

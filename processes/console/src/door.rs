@@ -1,12 +1,14 @@
 //! Where the page is: a port of 127.0.0.1 and a token, kept in the station's root so that a successor has both again, unless the port is somebody's by then; and who comes in: so many at a
-//! time, each for a bounded time, whatever he sends, reads or does not read.
+//! time, each for a bounded time, whatever he sends, reads or does not read, and for a short one who does not show the token.
 
-use axum::serve::Listener;
+use axum::extract::connect_info::Connected;
+use axum::serve::{IncomingStream, Listener};
 use hyst_engine::{Address, Failure, Life};
 use std::io::Read;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -17,10 +19,14 @@ use tokio::time::Sleep;
 /// The port, unless somebody else has it or wants another one.
 const USUAL_PORT: u16 = 8_642;
 /// Connections at a time: five browsers with six each, as they open them. Whoever comes later waits until one of them ends.
-const SEATS: usize = 32;
+pub const SEATS: usize = 32;
 /// No connection lasts longer. What is asked for is answered before, if only by saying that it takes too long; a stream of events ends before by itself, and
 /// browsers open it again.
 pub const VISIT: Duration = Duration::from_secs(20);
+/// Whoever has not shown the token by then goes: anybody on this machine can open connections, and those who say nothing would keep the seats for all of [`VISIT`].
+pub const UNKNOWN: Duration = Duration::from_secs(3);
+/// That all seats are taken is said once, and again when there was one for so long, ns.
+const ROOMY_NS: u64 = 60_000_000_000;
 /// Before the next try when no connection can be taken: the process may open no more files.
 const PAUSE: Duration = Duration::from_millis(100);
 
@@ -85,13 +91,23 @@ pub fn random_letters() -> std::io::Result<String> {
 pub struct Visitors {
     listener: TcpListener,
     seats: Arc<Semaphore>,
+    is_full: Arc<AtomicBool>,
 }
 
 impl Visitors {
     /// From now on connections are taken; within the runtime that serves them.
     pub fn welcome(listener: std::net::TcpListener) -> std::io::Result<Visitors> {
         listener.set_nonblocking(true)?;
-        Ok(Visitors { listener: TcpListener::from_std(listener)?, seats: Arc::new(Semaphore::new(SEATS)) })
+        Ok(Visitors {
+            listener: TcpListener::from_std(listener)?,
+            seats: Arc::new(Semaphore::new(SEATS)),
+            is_full: Arc::default(),
+        })
+    }
+
+    /// Who looks whether there are too many.
+    pub fn crowd(&self) -> Crowd {
+        Crowd { is_full: Arc::clone(&self.is_full), roomy_at_ns: 0 }
     }
 }
 
@@ -100,12 +116,16 @@ impl Listener for Visitors {
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Visit, SocketAddr) {
-        let seat = Arc::clone(&self.seats).acquire_owned().await.ok(); // it is never closed
+        let seat = match Arc::clone(&self.seats).try_acquire_owned() {
+            Ok(seat) => Some(seat),
+            Err(_) => {
+                self.is_full.store(true, Ordering::Relaxed);
+                Arc::clone(&self.seats).acquire_owned().await.ok() // it is never closed
+            }
+        };
         loop {
             match self.listener.accept().await {
-                Ok((stream, address)) => {
-                    return (Visit { stream, end: Box::pin(tokio::time::sleep(VISIT)), _seat: seat }, address);
-                }
+                Ok((stream, address)) => return (Visit::of(stream, seat), address),
                 Err(_) => tokio::time::sleep(PAUSE).await, // gone again, or no file is left
             }
         }
@@ -116,15 +136,64 @@ impl Listener for Visitors {
     }
 }
 
+/// Whether all seats are taken.
+#[derive(Debug)]
+pub struct Crowd {
+    is_full: Arc<AtomicBool>,
+    roomy_at_ns: u64,
+}
+
+impl Crowd {
+    /// Whether all seats were taken since it was last asked, and that is to be said.
+    pub fn is_news(&mut self, now_ns: u64) -> bool {
+        let is_full = self.is_full.swap(false, Ordering::Relaxed);
+        let is_news = is_full && now_ns >= self.roomy_at_ns;
+        if is_full {
+            self.roomy_at_ns = now_ns + ROOMY_NS;
+        }
+        is_news
+    }
+}
+
+/// Whether whoever is at the other end of a connection has shown the token.
+#[derive(Clone, Debug, Default)]
+pub struct Pass(Arc<AtomicBool>);
+
+impl Pass {
+    /// He has: he may stay for all of [`VISIT`].
+    pub fn show(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    fn is_shown(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+impl Connected<IncomingStream<'_, Visitors>> for Pass {
+    fn connect_info(stream: IncomingStream<'_, Visitors>) -> Pass {
+        stream.io().pass.clone()
+    }
+}
+
 /// One connection: it ends when its time is over, in the middle of whatever it was about.
 #[derive(Debug)]
 pub struct Visit {
     stream: TcpStream,
     end: Pin<Box<Sleep>>,
+    pass: Pass,
+    known_by: Pin<Box<Sleep>>,
+    /// He was unknown when that time was over.
+    is_late: bool,
     _seat: Option<OwnedSemaphorePermit>,
 }
 
 impl Visit {
+    fn of(stream: TcpStream, seat: Option<OwnedSemaphorePermit>) -> Visit {
+        let [end, known_by] = [VISIT, UNKNOWN].map(|time| Box::pin(tokio::time::sleep(time)));
+        Visit { stream, end, pass: Pass::default(), known_by, is_late: false, _seat: seat }
+    }
+
     /// The connection while it may go on.
     fn stream(&mut self, context: &mut Context<'_>) -> std::io::Result<Pin<&mut TcpStream>> {
         if self.end.as_mut().poll(context).is_ready() {
@@ -132,13 +201,30 @@ impl Visit {
         }
         Ok(Pin::new(&mut self.stream))
     }
+
+    /// Whether he who says nothing more has been unknown for too long. Where this process itself comes late, what he said in time is read by now and not yet
+    /// judged: so he is looked at once more.
+    fn is_stranger(&mut self, context: &mut Context<'_>) -> bool {
+        if self.pass.is_shown() || self.known_by.as_mut().poll(context).is_pending() {
+            return false;
+        }
+        let was_late = std::mem::replace(&mut self.is_late, true);
+        if !was_late {
+            context.waker().wake_by_ref();
+        }
+        was_late
+    }
 }
 
 impl AsyncRead for Visit {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<std::io::Result<()>> {
-        match self.stream(context) {
+        let read = match self.stream(context) {
             Ok(stream) => stream.poll_read(context, buffer),
             Err(error) => Poll::Ready(Err(error)),
+        };
+        match read.is_pending() && self.is_stranger(context) {
+            true => Poll::Ready(Err(std::io::ErrorKind::TimedOut.into())),
+            false => read,
         }
     }
 }
@@ -166,7 +252,7 @@ impl AsyncWrite for Visit {
 
 #[cfg(test)]
 mod tests {
-    use super::{no_port, random_letters};
+    use super::*;
     use hyst_engine::address::TOKEN_LETTERS;
 
     #[test]
@@ -180,5 +266,47 @@ mod tests {
         let (one, other) = (random_letters().unwrap(), random_letters().unwrap());
         assert!(one.len() == TOKEN_LETTERS && one.bytes().all(|byte| byte.is_ascii_hexdigit()), "{one}");
         assert_ne!(one, other);
+    }
+
+    /// Of two looks at a silent connection, whose time to show the token is over, those in which it may go on.
+    async fn looks(listener: &TcpListener, is_shown: bool) -> [bool; 2] {
+        let _peer = TcpStream::connect(listener.local_addr().unwrap()).await.unwrap();
+        let mut visit = Visit::of(listener.accept().await.unwrap().0, None);
+        visit.known_by = Box::pin(tokio::time::sleep(Duration::from_millis(1)));
+        visit.known_by.as_mut().await;
+        if is_shown {
+            visit.pass.show();
+        }
+        std::future::poll_fn(|context| {
+            let mut look = || Pin::new(&mut visit).poll_read(context, &mut ReadBuf::new(&mut [0; 8])).is_pending();
+            Poll::Ready([look(), look()])
+        })
+        .await
+    }
+
+    #[test]
+    fn who_is_unknown_when_his_time_is_over_is_looked_at_once_more_and_who_has_shown_the_token_stays() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
+            assert_eq!(looks(&listener, false).await, [true, false], "what he has said is judged between the two");
+            assert_eq!(looks(&listener, true).await, [true, true]);
+        });
+    }
+
+    #[test]
+    fn that_all_seats_are_taken_is_said_once_for_as_long_as_it_goes_on() {
+        let is_full = Arc::new(AtomicBool::new(false));
+        let mut crowd = Crowd { is_full: Arc::clone(&is_full), roomy_at_ns: 0 };
+        let mut asked = |was_full: bool, now_ns: u64| {
+            is_full.store(was_full, Ordering::Relaxed);
+            crowd.is_news(now_ns)
+        };
+        assert_eq!(
+            [(false, 1), (true, 2), (false, 3), (true, 4)].map(|(full, now_ns)| asked(full, now_ns)),
+            [false, true, false, false]
+        );
+        assert!(!asked(true, ROOMY_NS + 3), "it is not a minute since they were taken");
+        assert!(!asked(false, 3 * ROOMY_NS) && asked(true, 3 * ROOMY_NS + 1));
     }
 }

@@ -3,7 +3,8 @@
 //! nothing is changed by a GET).
 
 use crate::desk::Desk;
-use axum::extract::{Request, State};
+use crate::door::Pass;
+use axum::extract::{ConnectInfo, Request, State};
 use axum::http::header::{self, HeaderMap, HeaderName, HeaderValue};
 use axum::http::{Method, StatusCode, Uri};
 use axum::middleware::Next;
@@ -11,11 +12,22 @@ use axum::response::{IntoResponse, Response};
 use hyst_engine::Address;
 use std::sync::Arc;
 
-/// Looks at every request before anybody else does.
-pub async fn guard(State(desk): State<Arc<Desk>>, request: Request, next: Next) -> Response {
+/// The port that HTTP has where none is named.
+const USUAL_PORT: u16 = 80;
+
+/// Looks at every request before anybody else does. Who may come in may stay.
+pub async fn guard(
+    State(desk): State<Arc<Desk>>,
+    ConnectInfo(pass): ConnectInfo<Pass>,
+    request: Request,
+    next: Next,
+) -> Response {
     let verdict = check(&desk.address, request.method(), request.uri(), request.headers());
     let mut response = match verdict {
-        Ok(()) => next.run(request).await,
+        Ok(()) => {
+            pass.show();
+            next.run(request).await
+        }
         Err((status, reason)) => refused(status, reason),
     };
     seal(response.headers_mut());
@@ -43,9 +55,16 @@ pub fn refused(status: StatusCode, reason: &str) -> Response {
     (status, format!("{reason}\n")).into_response()
 }
 
+/// What a browser calls this place: it leaves out the port that is usual.
+fn names(port: u16) -> Vec<String> {
+    let places = ["127.0.0.1", "localhost"];
+    let without = places.into_iter().filter(|_| port == USUAL_PORT).map(str::to_string);
+    places.into_iter().map(|place| format!("{place}:{port}")).chain(without).collect()
+}
+
 /// Whether a request may come in; else why not.
 fn check(address: &Address, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), (StatusCode, &'static str)> {
-    let names = [format!("127.0.0.1:{}", address.port), format!("localhost:{}", address.port)];
+    let names = names(address.port);
     let is_own = |name: &str| names.iter().any(|own| own.eq_ignore_ascii_case(name));
     let is_here = only(headers, header::HOST).is_some_and(is_own) && uri.authority().is_none_or(|named| is_own(named.as_str()));
     if !is_here {
@@ -142,6 +161,23 @@ mod tests {
         }
         let absolute = format!("http://evil.example:8642{uri}");
         assert_eq!(verdict(Method::GET, &absolute, &[("host", "127.0.0.1:8642")]), 403);
+    }
+
+    /// Where the port was 80 a browser named none, and nobody came in.
+    #[test]
+    fn the_usual_port_need_not_be_named_and_any_other_must_be() {
+        let may_come = |port: u16, name: &str| {
+            let address = Address { port, token: TOKEN.into() };
+            let said = [("host", name.to_string()), ("origin", format!("http://{name}"))];
+            let headers =
+                said.into_iter().map(|(key, value)| (HeaderName::from_static(key), HeaderValue::from_str(&value).unwrap()));
+            check(&address, &Method::POST, &with_token().parse().unwrap(), &headers.collect()).is_ok()
+        };
+        assert_eq!([80, 8_642].map(|port| may_come(port, "127.0.0.1")), [true, false]);
+        assert_eq!(
+            ["localhost", "127.0.0.1:80", "evil.example", "127.0.0.1:8642"].map(|name| may_come(80, name)),
+            [true, true, false, false]
+        );
     }
 
     #[test]

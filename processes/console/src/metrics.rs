@@ -1,5 +1,5 @@
 //! What is known of the station now, for a monitor: the text format of OpenMetrics 1.0. Promise: one exposition, ended by `# EOF`; what is not known is
-//! left out, and what has a unit in its name says it in a line of its own.
+//! left out, as what a supervisor said that is silent by now, and what has a unit in its name says it in a line of its own.
 
 use crate::look::Look;
 use hyst_messages::{PICTURE_PASSES, PUMP_ALARMS, Slot};
@@ -24,12 +24,20 @@ type Figures = Family<Labels, Figure>;
 /// The whole text.
 pub fn text(look: &Look) -> String {
     let mut registry = Registry::with_prefix("hystation");
-    station(look, &mut registry);
-    processes(look, &mut registry);
+    figure(
+        &mut registry,
+        "supervisor_answers",
+        "Whether the supervisor answered when it was last asked",
+        is(look.silence.is_none()),
+    );
+    if look.silence.is_none() {
+        station(look, &mut registry);
+        processes(look, &mut registry);
+        recording(look, &mut registry);
+    }
     pump(look, &mut registry);
     tissue(look, &mut registry);
     pictures(look, &mut registry);
-    recording(look, &mut registry);
     let mut text = String::new();
     match encode(&mut text, &registry) {
         Ok(()) => text,
@@ -52,13 +60,15 @@ fn figure(registry: &mut Registry, name: &str, help: &str, value: f64) {
     register(registry, name, help, figure);
 }
 
+fn is(value: bool) -> f64 {
+    f64::from(u8::from(value))
+}
+
 fn station(look: &Look, registry: &mut Registry) {
-    let is = |value: bool| f64::from(u8::from(value));
     figure(registry, "tick", "The station's present tick, one in each millisecond", look.status.tick as f64);
     figure(registry, "running", "Whether the station runs", is(look.status.state == "running"));
     figure(registry, "test_mode", "Whether faults may be injected", is(look.status.test_mode));
     figure(registry, "roles_held", "Roles that are held still", look.status.held.len() as f64);
-    figure(registry, "supervisor_answers", "Whether the supervisor answered when it was last asked", is(look.silence.is_none()));
 }
 
 fn processes(look: &Look, registry: &mut Registry) {
@@ -78,8 +88,8 @@ fn processes(look: &Look, registry: &mut Registry) {
         let labels: Labels = vec![("process", process.name.clone()), ("role", role.into())];
         let is_up = matches!(process.state.as_str(), "live" | "spare");
         let values = [
-            Some(f64::from(u8::from(is_up))),
-            Some(f64::from(u8::from(process.active))),
+            Some(is(is_up)),
+            Some(is(process.active)),
             Some(f64::from(process.incarnation)),
             process.rate_hz,
             process.recent_wakeup_p99_us.map(|us| us * 1e-6),
@@ -115,7 +125,7 @@ fn pump(look: &Look, registry: &mut Registry) {
     let alarms = Figures::default();
     for (_, name) in PUMP_ALARMS {
         let is_on = pump.alarms.iter().chain(&pump.notices).any(|alarm| alarm == name);
-        alarms.get_or_create(&vec![("alarm", name.to_string())]).set(f64::from(u8::from(is_on)));
+        alarms.get_or_create(&vec![("alarm", name.to_string())]).set(is(is_on));
     }
     register(registry, "pump_alarm", "Alarms of the pump", alarms);
 }
@@ -159,7 +169,7 @@ fn pictures(look: &Look, registry: &mut Registry) {
 
 fn recording(look: &Look, registry: &mut Registry) {
     let Some(recording) = &look.status.recording else { return };
-    let stands = f64::from(u8::from(recording.stands_still.is_some()));
+    let stands = is(recording.stands_still.is_some());
     figure(registry, "recorder_stands_still", "Whether nothing is written of what is to be recorded", stands);
     figure(registry, "recorder_lost_ticks", "Ticks of the session that will not be in the recording", recording.lost as f64);
     figure(registry, "recorder_behind_ticks", "Ticks made since the newest on disk", recording.behind_ticks as f64);
@@ -172,6 +182,9 @@ fn recording(look: &Look, registry: &mut Registry) {
         figure(registry, "recorder_room_seconds", "How long they last at the rate of the recording", time_s);
     }
 }
+
+#[cfg(test)]
+mod strict;
 
 #[cfg(test)]
 mod tests {
@@ -289,10 +302,26 @@ mod tests {
         assert!(unknown.contains("hystation_recorder_stands_still 0.0\n") && !unknown.contains("recorder_free"), "{unknown}");
     }
 
+    /// Rates and ages of processes stood there for as long as their supervisor was gone, as if they were measured.
+    #[test]
+    fn what_a_supervisor_said_that_is_silent_by_now_is_not_said_again_and_what_engines_say_is() {
+        let process = Process { name: "device".into(), state: "live".into(), rate_hz: Some(1_000.0), ..Process::default() };
+        let status = Status { processes: vec![process], recording: Some(Recording::default()), ..Status::default() };
+        let heard = Look { status, pump: Some(Pump::default()), ..Look::default() };
+        let silent = Look { silence: Some("no supervisor answers".into()), ..heard.clone() };
+        let [heard, silent] = [heard, silent].map(|look| text(&look));
+        for (words, is_of_supervisor) in
+            [("_running ", true), ("process_up{", true), ("recorder_ticks ", true), ("pump_deficit", false)]
+        {
+            assert_eq!((heard.contains(words), silent.contains(words)), (true, !is_of_supervisor), "{words}\n{silent}");
+        }
+    }
+
     #[test]
     fn a_station_of_which_nothing_is_known_has_a_text_too() {
         let text = text(&Look { silence: Some("no supervisor answers".into()), ..Look::default() });
         assert!(text.contains("hystation_supervisor_answers 0.0\n") && text.ends_with("# EOF\n"), "{text}");
+        assert!(!text.contains("hystation_running") && !text.contains("hystation_tick"), "nobody was asked\n{text}");
         assert!(!text.contains("rendering_"), "nobody draws\n{text}");
         assert!(!text.contains("recorder_"), "nobody records\n{text}");
         assert!(!text.contains("tissue_"), "nobody computes\n{text}");

@@ -2,7 +2,7 @@
 //! console that beats also answers. Promise: it comes back at the address that it had, and a browser that stalls costs it nothing but a seat.
 
 use crate::desk::{Desk, VERIFIERS};
-use crate::door::{Door, Visitors};
+use crate::door::{Door, SEATS, UNKNOWN, VISIT, Visitors};
 use crate::look;
 use crate::referee::Referee;
 use crate::sources::Sources;
@@ -35,7 +35,9 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
     // A name that cannot be one is refused where the station is started.
     let trainee = life.settings.trainee().ok().flatten().map(str::to_string);
     desk.introduce(trainee, life.settings.recording().map(|file| file.display().to_string()));
-    tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
+    let visitors = Visitors::welcome(door.listener)?;
+    let mut crowd = visitors.crowd();
+    tokio::spawn(web::serve(visitors, Arc::clone(&desk)));
     tokio::spawn(ask::follow(Arc::clone(&desk)));
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -44,6 +46,9 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         looks.tick().await;
         let begun_ns = system::now_ns();
         life.misbehave();
+        if crowd.is_news(begun_ns) {
+            life.say(&full());
+        }
         desk.tell(journal.news());
         sources.helpers.look(life);
         sources.welcome();
@@ -73,4 +78,13 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         tokio::time::sleep(LOOK).await; // meanwhile it goes out to the browsers
     }
     Ok(())
+}
+
+/// What is said when more browsers come than there are seats: they stall, or somebody opens connections and says nothing.
+fn full() -> String {
+    let [visit_s, unknown_s] = [VISIT, UNKNOWN].map(|time| time.as_secs());
+    format!(
+        "all {SEATS} seats of the operator's page are taken: who comes waits until one is free, after {visit_s} s at most, \
+         or {unknown_s} s where the token was not shown"
+    )
 }

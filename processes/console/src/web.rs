@@ -3,7 +3,7 @@
 
 use crate::ask::{ANSWER_WITHIN, ask};
 use crate::desk::Desk;
-use crate::door::{VISIT, Visitors, random_letters};
+use crate::door::{Pass, VISIT, Visitors, random_letters};
 use crate::guard::{self, query, refused};
 use crate::metrics;
 use crate::picture::Picture;
@@ -42,7 +42,7 @@ const PICTURE_WITHIN: Duration = Duration::from_secs(1);
 
 /// Answers browsers for as long as the console lives.
 pub async fn serve(visitors: Visitors, desk: Arc<Desk>) {
-    let _ = axum::serve(visitors, routes(desk)).await; // it does not end
+    let _ = axum::serve(visitors, routes(desk).into_make_service_with_connect_info::<Pass>()).await; // it does not end
 }
 
 fn routes(desk: Arc<Desk>) -> Router {

@@ -1,7 +1,9 @@
 //! Statements about pictures: what a trainee would miss at once if it were broken.
 mod stand;
 
-use rendering::{Appearance, Camera, Gpu, MAX_SPOTS, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes};
+use rendering::{
+    Appearance, Arrow, Camera, Gpu, MAX_SPOTS, Marks, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
+};
 use stand::*;
 
 #[test]
@@ -284,6 +286,35 @@ fn from_outside_nothing_is_out_of_focus() {
     let with = picture(&mut r, &view);
     view.quality.focus = false;
     assert_eq!(with, picture(&mut r, &view));
+}
+
+#[test]
+fn contacts_and_the_force_are_arrows_of_their_own_colours_from_outside_and_the_lens_sees_none() {
+    let Some(mut r) = renderer() else { return };
+    let mut marks = Marks::new([71, 72]);
+    let [outside, inside] = [close_up(0.03), straight()];
+    let [plain, dark] = [&outside, &inside].map(|view| picture(&mut r, view));
+    // Across the middle, a third of the picture high.
+    let (across, none) = ([0.0, 0.010, 0.0], Arrow { from_m: [0.0; 3], along_m: [0.0; 3] });
+    let arrow = Arrow { from_m: [0.0, -0.005, 0.03], along_m: across };
+    let mut gained = |contacts: &[Arrow], force: Arrow| {
+        marks.show(r.stage(), contacts, force).expect("there is room for them");
+        assert_eq!(changed(&dark, &picture(&mut r, &inside)), 0, "it is not for the surgeon");
+        let shot = picture(&mut r, &outside);
+        let by = |channel: usize| {
+            let pixels = plain.chunks_exact(4).zip(shot.chunks_exact(4));
+            pixels.map(|(before, after)| i64::from(after[channel]) - i64::from(before[channel])).sum::<i64>()
+        };
+        (changed(&plain, &shot), [0, 1, 2].map(by))
+    };
+    let (contact_px, [red, green, blue]) = gained(&[arrow], none);
+    assert!(contact_px > 20 && green > red && green > blue, "{contact_px} pixels, {red} {green} {blue}");
+    let (force_px, [red, green, blue]) = gained(&[], arrow);
+    assert!(force_px > 20 && red > blue && green > blue, "{force_px} pixels, {red} {green} {blue}");
+    assert_eq!(gained(&[], none).0, 0, "an arrow of no length is none");
+    gained(&[arrow], arrow);
+    marks.clear(r.stage());
+    assert_eq!(picture(&mut r, &outside), plain, "nothing of them stays");
 }
 
 #[test]
