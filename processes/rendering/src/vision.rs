@@ -17,7 +17,7 @@ use hyst_engine::{Failure, Life, Pace, realtime};
 use hyst_exchange::{Held, Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
-use hyst_messages::{HardwareSample, Pose, RenderingStatus};
+use hyst_messages::{HardwareSample, Pose, RenderingStatus, StreamHeader};
 use rendering::{
     Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
     View, distortion, fastest_ticks, in_step,
@@ -56,6 +56,8 @@ struct Vision<'a> {
     strip: Strip,
     /// Epoch and tick of the tissue's and the fluid's state that is shown.
     shown: Option<(u32, u64)>,
+    /// A state of the tissue whose topology is under way.
+    waiting: Option<(StreamHeader, Held)>,
     flowed: Option<(u32, u64)>,
     /// That state of the fluid, or the last one that made sense: its velocities carry the flakes of each picture until the next one comes.
     flow: Option<Held>,
@@ -208,6 +210,7 @@ impl<'a> Vision<'a> {
             fastest_ticks,
             strip: Strip::of(life),
             shown: None,
+            waiting: None,
             flowed: None,
             flow: None,
             uploaded: 0,
