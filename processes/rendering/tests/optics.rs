@@ -143,3 +143,22 @@ fn the_picture_darkens_towards_its_rim_and_from_outside_it_does_not() {
     let [middle, corner] = [ring(0.0..0.15), ring(0.9..1.0)].map(|places| mean(&shot, 0, places));
     assert!((middle - corner).abs() < 0.04 * middle, "{middle} {corner}");
 }
+
+#[test]
+fn what_is_brighter_than_white_glows_over_what_lies_beside_it() {
+    let Some(mut r) = renderer() else { return };
+    put(&mut r, TOOL, &shapes::ball([0.0, 0.0, 0.010], 0.003, 32, 48), Material::Metal);
+    r.stage().set_appearance(TOOL, glowing()).expect("it is there");
+    let mut view = close_up(0.010);
+    let without = picture(&mut r, &view);
+    view.quality.bloom = true;
+    let with = picture(&mut r, &view);
+    // A limb that is 17.5 degrees off the line of sight is drawn at 0.545 of the way to the upper rim, 60 pixels; its light goes less than 30 beyond it.
+    let rise = |range: std::ops::Range<f32>| {
+        let [with, without] = [&with, &without].map(|shot| mean(shot, 0, ring(range.clone())));
+        with - without
+    };
+    let [beside, far] = [rise(0.58..0.66), rise(1.2..1.32)];
+    println!("red is {beside} more beside it, {far} far off");
+    assert!(beside > 8.0 && far.abs() < 1.0, "{beside} {far}");
+}
