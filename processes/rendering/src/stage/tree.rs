@@ -1,7 +1,8 @@
-//! What hangs on what in the scene graph. The pose of an object that hangs on another is meant in that one's frame: whoever moves a scope moves its loop, the
-//! loop's arms and the jaws, and whoever takes it off the stage takes them with it.
+//! What hangs on what in the scene graph. The pose of an object that hangs on another is meant in that one's frame: whoever moves a scope moves its loop,
+//! the loop's arms and the jaws, and whoever takes it off the stage takes them with it.
 //!
-//! Promise: nothing comes to hang on itself, whatever is asked, so that each way up ends; what hung on something that is gone is gone. Looks are each one's own.
+//! Promise: nothing comes to hang on itself, whatever is asked, so that each way up ends; what hung on something that is gone is gone. Looks are each
+//! one's own.
 
 use super::{Object, Stage};
 use crate::error::RenderError;
