@@ -106,9 +106,10 @@ fn bleed(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
 }
 
 fn picture(renderer: &mut Renderer, view: &View, name: &str, folder: &str, frames: usize) -> Result<(), Box<dyn Error>> {
-    for scale in if frames > 1 { &[1.0_f32, 0.75, 0.5][..] } else { &[1.0][..] } {
+    for scale in if frames > 1 { &[1.0_f32, 0.75, 0.5, 0.375][..] } else { &[1.0][..] } {
         let mut view = view.clone();
-        view.quality.scale = *scale;
+        // As the effort has it, which gives up the focus first.
+        (view.quality.scale, view.quality.focus) = (*scale, *scale == 1.0);
         let mut all = Vec::new();
         for _ in 0..frames {
             all.push(renderer.render(&view)?);

@@ -57,6 +57,14 @@ pub enum RenderError {
     /// The id is not on the stage.
     #[error("object {0} is not on the stage: send its topology first")]
     UnknownObject(u64),
+    /// An object that would hang on itself.
+    #[error("object {object} cannot hang on {on}, which is the same or hangs on it: hang it on another one, or on none")]
+    Circle {
+        /// the object's id
+        object: u64,
+        /// what it was to hang on
+        on: u64,
+    },
     /// A bound of the stage was reached.
     #[error("{what}: {got} is above the bound of {bound}")]
     TooLarge {

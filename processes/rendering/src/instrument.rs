@@ -1,7 +1,7 @@
-//! The instrument on the stage: its shaft, its loop electrode or its jaws, each where the hardware says that it is.
+//! The instrument on the stage: its shaft, where the hardware says that it is; on the shaft hang its loop electrode, on whose ring hang the arms, or its jaws.
 
 use crate::scenery::Refused;
-use glam::{Quat, Vec3};
+use glam::Quat;
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, Message, WireError};
 use rendering::shapes::Shape;
@@ -133,13 +133,13 @@ impl Instrument {
         let metal = Appearance::of(Material::Metal);
         let rod = shapes::scope(scope.shaft_radius_m, scope.shaft_length_m, scope.oblique_rad);
         let shaft = if self.shaft.triangles.is_empty() { &rod } else { &self.shaft };
-        put(stage, TOOL, shaft, Appearance { external_only: true, ..metal })?;
+        put(stage, TOOL, None, shaft, Appearance { external_only: true, ..metal })?;
         if scope.loop_radius_m > 0.0 {
-            put(stage, RING, &shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m), self.wire())?;
-            put(stage, ARMS, &shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M), insulation())?;
+            let (radius_m, wire_m) = (scope.loop_radius_m, scope.loop_wire_radius_m);
+            put(stage, RING, Some(TOOL), &shapes::loop_ring(radius_m, wire_m), self.wire())?;
+            put(stage, ARMS, Some(RING), &shapes::loop_arms(radius_m, wire_m, ARM_M), insulation())?;
         } else {
-            stage.remove_object(RING);
-            stage.remove_object(ARMS);
+            stage.remove_object(RING); // and the arms with it
         }
         if self.jaw.triangles.is_empty() {
             for jaw in JAWS {
@@ -147,28 +147,25 @@ impl Instrument {
             }
             return Ok(());
         }
-        put(stage, JAWS[0], &self.jaw, metal)?;
-        put(stage, JAWS[1], &mirrored(&self.jaw), metal)
+        put(stage, JAWS[0], Some(TOOL), &self.jaw, metal)?;
+        put(stage, JAWS[1], Some(TOOL), &mirrored(&self.jaw), metal)
     }
 
-    /// Puts all of it where the hardware says that it is; a loop that cuts glows (one that coagulates keeps up no arc), and jaws that hold something are as far apart as when they took
-    /// hold of it, `hold_m`.
+    /// Puts it where the hardware says that it is, with all that hangs on it; a loop that cuts glows (one that coagulates keeps up no arc), and jaws that hold
+    /// something are as far apart as when they took hold of it, `hold_m`.
     pub fn hold(&mut self, stage: &mut Stage, sample: &HardwareSample, hold_m: f32) -> Result<(), RenderError> {
         let (pose, controls) = (&sample.pose, &sample.controls);
         stage.set_pose(TOOL, pose.position_m, pose.orientation)?;
-        let turn = Quat::from_array(pose.orientation);
         if !self.jaw.triangles.is_empty() {
             let opened_rad = turn_rad(controls.loop_extension_m.max(hold_m), self.jaw_length_m);
             for (jaw, opened_rad) in JAWS.into_iter().zip([opened_rad, -opened_rad]) {
-                stage.set_pose(jaw, pose.position_m, (turn * Quat::from_rotation_y(opened_rad)).to_array())?;
+                stage.set_pose(jaw, [0.0; 3], Quat::from_rotation_y(opened_rad).to_array())?;
             }
         }
         if self.scope.loop_radius_m <= 0.0 {
             return Ok(());
         }
-        let ring = Vec3::from(pose.position_m) + turn * Vec3::Z * ring_m(controls.loop_extension_m);
-        stage.set_pose(RING, ring.to_array(), pose.orientation)?;
-        stage.set_pose(ARMS, ring.to_array(), pose.orientation)?;
+        stage.set_pose(RING, [0.0, 0.0, ring_m(controls.loop_extension_m)], Quat::IDENTITY.to_array())?;
         let is_hot = controls.buttons & BUTTON_ENERGIZED != 0 && controls.loop_extension_m > 0.0;
         if std::mem::replace(&mut self.is_hot, is_hot) != is_hot {
             stage.set_appearance(RING, self.wire())?;
@@ -188,13 +185,16 @@ fn insulation() -> Appearance {
     Appearance { base_colour: [0.80, 0.78, 0.62], roughness: 0.9, ..Appearance::of(Material::Metal) }
 }
 
-fn put(stage: &mut Stage, id: u64, shape: &Shape, appearance: Appearance) -> Result<(), RenderError> {
-    stage.set_object(id, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })
+/// Puts a part on the stage, where it hangs on another one or on none.
+fn put(stage: &mut Stage, id: u64, on: Option<u64>, shape: &Shape, appearance: Appearance) -> Result<(), RenderError> {
+    stage.set_object(id, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })?;
+    stage.hang(id, on)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     #[test]
     fn a_loop_that_is_in_lies_in_the_sheath_and_one_that_is_out_before_the_tip() {

@@ -55,6 +55,9 @@ fn class(object: &Object) -> Class {
     }
 }
 
+/// A scene is coarse from where so many times its side are at most so many times the picture's: then light becomes a picture before it is enlarged.
+const COARSE: [u32; 2] = [8, 5];
+
 /// Workgroups per row of a dispatch.
 const GROUPS_PER_ROW: u32 = 32_768;
 
@@ -156,14 +159,23 @@ impl Renderer {
 
     /// The picture, where the mask leaves one, and the text over it.
     pub(crate) fn finish_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, is_focused: bool, rows: usize) {
-        let (t, [width, height]) = (&self.targets, self.targets.sizes.shown);
-        let mut pass = screen(encoder, &t.picture_view, self.timer.as_ref().map(|timer| timer.render(4, true, true)));
-        pass.set_bind_group(0, &t.to_picture, &[]);
+        let (t, p, [width, height]) = (&self.targets, &self.pipelines, self.targets.sizes.shown);
         let side = width.min(height);
+        let is_coarse = eye.round && !is_focused && COARSE[0] * t.sizes.inner[0] <= COARSE[1] * side;
+        if is_coarse {
+            self.screen_pass(encoder, &p.tone, &t.toned, &t.to_picture, Some((4, true, false)));
+        }
+        let mut pass = screen(encoder, &t.picture_view, self.timer.as_ref().map(|timer| timer.render(4, !is_coarse, true)));
         if eye.round {
             pass.set_scissor_rect((width - side) / 2, (height - side) / 2, side, side);
         }
-        pass.set_pipeline(&self.pipelines.finish[usize::from(is_focused)]);
+        if is_coarse {
+            pass.set_pipeline(&p.plain);
+            pass.set_bind_group(0, &t.from_toned, &[]);
+        } else {
+            pass.set_pipeline(&p.finish[usize::from(is_focused)]);
+            pass.set_bind_group(0, &t.to_picture, &[]);
+        }
         pass.draw(0..3, 0..1);
         if rows > 0 {
             let glyph_px = glyph_px(height as f32) as u32;

@@ -84,6 +84,9 @@ pub(crate) struct Pipelines {
     pub blur_down: Late<wgpu::RenderPipeline>,
     /// Without and with what is out of focus.
     pub finish: [Late<wgpu::RenderPipeline>; 2],
+    /// The two that stand in for it where the scene is drawn coarsely.
+    pub tone: Late<wgpu::RenderPipeline>,
+    pub plain: Late<wgpu::RenderPipeline>,
     pub text: Late<wgpu::RenderPipeline>,
     pub show: Option<(Format, Late<wgpu::RenderPipeline>)>,
 }
@@ -126,6 +129,8 @@ impl Pipelines {
             blur_across: screen("blur_across", LIGHT),
             blur_down: screen("blur_down", LIGHT),
             finish: [0.0, 1.0].map(finish),
+            tone: screen("tone", PICTURE),
+            plain: screen("plain", PICTURE),
             text: late(&parts, text_pipeline),
             show: shown.map(|format| (format, screen("show", format))),
             scene_layout,
@@ -144,7 +149,8 @@ impl Pipelines {
             std::thread::sleep(REST * began.elapsed());
         };
         let late = [&self.mask, &self.shadow, &self.defocus, &self.shrink, &self.blur_across, &self.blur_down, &self.text];
-        for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(&self.finish).chain(&self.lines) {
+        let last = self.finish.iter().chain([&self.tone, &self.plain]);
+        for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(last).chain(&self.lines) {
             make(&|| _ = LazyLock::force(pipeline));
         }
         for pipeline in [&self.normals, &self.field, &self.meter] {

@@ -1,7 +1,7 @@
 //! What rendering reads of the others: the ushers' ports, the newest tissue state over all tissues, the pose and the pump.
 //!
 //! Messages are read in place, in the memory that their writer filled; they are held for one frame, a topology and
-//! the fluid's state until the next one.
+//! the fluid's state until the next one, and a state of the tissue for one frame more whose topology is under way.
 
 use crate::looks::Looks;
 use hyst_engine::{Failure, Helper, Helpers, Life};

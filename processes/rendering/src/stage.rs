@@ -1,8 +1,10 @@
-//! The scene graph: objects that appear, move, change their topology and vanish while pictures are made.
+//! The scene graph: objects that appear, move, hang on one another (`tree.rs`), change their topology and vanish while pictures are made.
 //!
 //! Promise: what streams in is read in place; handing it to the driver is the only copy. Topology is checked once, when it arrives: no later
 //! picture can read outside a buffer. Positions are not checked: the passes draw a vertex that is not finite (or farther than 10 m) at its
 //! rest position. Objects are drawn in the order of their ids.
+mod tree;
+
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
@@ -139,6 +141,7 @@ pub(crate) struct Object {
     pub appearance: Appearance,
     pub moved: bool,
     pose: Mat4,
+    parent: Option<u64>,
     mouths: [[f32; 4]; 2],
     spots: [[f32; 4]; MAX_SPOTS],
 }
@@ -162,7 +165,7 @@ impl Stage {
         Self { device: gpu.device.clone(), queue: gpu.queue.clone(), pipelines, objects: BTreeMap::new() }
     }
 
-    /// Puts an object on the stage at its rest positions, or replaces the one of this id (after a cut); its pose is kept.
+    /// Puts an object on the stage at its rest positions, or replaces the one of this id (after a cut), whose pose and place in the graph are kept.
     ///
     /// # Errors
     /// [`RenderError::BadTriangle`], [`RenderError::TooLarge`], [`RenderError::WrongLength`]; the stage is as before.
@@ -175,8 +178,8 @@ impl Stage {
             return Err(RenderError::WrongLength { object: id, got: mesh.raw.len(), expected: mesh.rest_m.len() });
         }
         let (first, incident) = incidence(id, mesh.triangles, mesh.rest_m.len())?;
-        let pose = self.objects.get(&id).map_or(Mat4::IDENTITY, |o| o.pose);
-        let object = self.build(&mesh, &first, &incident, pose);
+        let kept = self.objects.get(&id).map_or((Mat4::IDENTITY, None), |o| (o.pose, o.parent));
+        let object = self.build(&mesh, &first, &incident, kept);
         self.write_uniform(&object, 1.0);
         self.objects.insert(id, object);
         Ok(())
@@ -198,7 +201,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Moves a rigid object: `position_m` of its origin, unit quaternion (x, y, z, w). A pose that is not finite leaves it where it is.
+    /// Moves a rigid object: `position_m` of its origin, unit quaternion (x, y, z, w), in the frame of what it hangs on. One that is not finite moves nothing.
     ///
     /// # Errors
     /// [`RenderError::UnknownObject`].
@@ -246,11 +249,6 @@ impl Stage {
         Ok(())
     }
 
-    /// Takes an object off the stage; says whether it was there.
-    pub fn remove_object(&mut self, id: u64) -> bool {
-        self.objects.remove(&id).is_some()
-    }
-
     /// Ids of all objects, ascending.
     pub fn ids(&self) -> impl Iterator<Item = u64> + '_ {
         self.objects.keys().copied()
@@ -285,7 +283,7 @@ impl Stage {
         let (roughness, glow) = (share(look.roughness, 0.5), share(look.glow, 0.0));
         let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
-            model: object.pose.to_cols_array_2d(),
+            model: self.world(object).to_cols_array_2d(),
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
             extra: [whole, look.charred(), glow, glands],
@@ -296,7 +294,7 @@ impl Stage {
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    fn build(&self, mesh: &SurfaceMesh<'_>, first: &[u32], incident: &[u32], pose: Mat4) -> Object {
+    fn build(&self, mesh: &SurfaceMesh<'_>, first: &[u32], incident: &[u32], (pose, parent): (Mat4, Option<u64>)) -> Object {
         let rest: &[u8] = bytemuck::cast_slice(mesh.rest_m);
         let corners: &[u8] = bytemuck::cast_slice(mesh.triangles);
         let points = Usage::VERTEX | Usage::STORAGE;
@@ -326,6 +324,7 @@ impl Stage {
             appearance: mesh.appearance,
             moved: true,
             pose,
+            parent,
             mouths: [[0.0; 4]; 2],
             spots: [[0.0; 4]; MAX_SPOTS],
         }

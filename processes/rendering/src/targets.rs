@@ -21,12 +21,15 @@ pub(crate) struct Targets {
     pub quarter: wgpu::TextureView,
     pub across: wgpu::TextureView,
     pub glow: wgpu::TextureView,
+    /// The scene as a screen shows it, before it is enlarged.
+    pub toned: wgpu::TextureView,
     pub picture: wgpu::Texture,
     pub picture_view: wgpu::TextureView,
     pub from_scene: wgpu::BindGroup,
     pub from_quarter: wgpu::BindGroup,
     pub from_across: wgpu::BindGroup,
     pub to_picture: wgpu::BindGroup,
+    pub from_toned: wgpu::BindGroup,
     pub from_picture: wgpu::BindGroup,
 }
 
@@ -47,6 +50,7 @@ impl Targets {
         let dark = light([1, 1]);
         let depth = view(&texture(d, sizes.inner, DEPTH, gpu.samples));
         let samples = (gpu.samples > 1).then(|| view(&texture(d, sizes.inner, LIGHT, gpu.samples)));
+        let toned = view(&texture(d, sizes.inner, PICTURE, 1));
         let picture = texture(d, sizes.shown, PICTURE, 1);
         let picture_view = view(&picture);
         let chain = |source: &wgpu::TextureView, glow: &wgpu::TextureView, soft: &wgpu::TextureView| {
@@ -67,6 +71,7 @@ impl Targets {
             from_quarter: chain(&quarter, &dark, &dark),
             from_across: chain(&across, &dark, &dark),
             to_picture: chain(&scene, &glow, &soft),
+            from_toned: chain(&toned, &dark, &dark),
             from_picture: chain(&picture_view, &dark, &dark),
             scene,
             samples,
@@ -75,6 +80,7 @@ impl Targets {
             quarter,
             across,
             glow,
+            toned,
             picture,
             picture_view,
         }

@@ -17,7 +17,7 @@ use hyst_engine::{Failure, Life, Pace, realtime};
 use hyst_exchange::{Held, Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
-use hyst_messages::{HardwareSample, Pose, RenderingStatus};
+use hyst_messages::{HardwareSample, Pose, RenderingStatus, StreamHeader};
 use rendering::{
     Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
     View, distortion, fastest_ticks, in_step,
@@ -56,6 +56,8 @@ struct Vision<'a> {
     strip: Strip,
     /// Epoch and tick of the tissue's and the fluid's state that is shown.
     shown: Option<(u32, u64)>,
+    /// A state of the tissue whose topology is under way.
+    waiting: Option<(StreamHeader, Held)>,
     flowed: Option<(u32, u64)>,
     /// That state of the fluid, or the last one that made sense: its velocities carry the flakes of each picture until the next one comes.
     flow: Option<Held>,
@@ -128,7 +130,13 @@ fn device(life: &Life, display: &Display) -> Result<Gpu, RenderError> {
         life.say("two graphics devices were lost within a minute: the adapter in software is tried first");
     }
     let open = |prefer| display.pane().map_or_else(|| Gpu::new(prefer), |pane| Gpu::with_window(prefer, pane));
-    adapter::first_of(order, open, |text| life.say(text))
+    let gpu = adapter::first_of(order, open, |text| life.say(text))?;
+    Ok(if are_wanted_whole(life) { gpu.smooth(true) } else { gpu })
+}
+
+/// Whether pictures are kept that nobody waits for: on a virtual clock, where no hand feels what they cost, and without a window.
+fn are_wanted_whole(life: &Life) -> bool {
+    life.is_lockstep() && life.settings.headless && life.settings.pictures.is_some()
 }
 
 /// Goes on without the window.
@@ -185,7 +193,7 @@ impl<'a> Vision<'a> {
             Some(ticks) if renderer.keep_step() => ticks,
             _ => fastest_ticks,
         };
-        let effort = Effort::at_start(renderer.gpu().is_software());
+        let effort = if are_wanted_whole(life) { Effort::whole() } else { Effort::at_start(renderer.gpu().is_software()) };
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
@@ -202,6 +210,7 @@ impl<'a> Vision<'a> {
             fastest_ticks,
             strip: Strip::of(life),
             shown: None,
+            waiting: None,
             flowed: None,
             flow: None,
             uploaded: 0,

@@ -32,6 +32,7 @@ fn a_frame_leaves_neither_memory_nor_code_behind() {
             let mut view = if frame % 3 == 2 { from_outside() } else { through_scope() };
             view.overlay = Overlay { lines: vec![format!("P {frame}")], sign: ["", "!"][frame % 2].into() };
             view.quality.scale = [1.0, 0.5][frame / 10 % 2];
+            view.quality.focus = frame % 5 != 0;
             let field = FluidField {
                 dims: [8, 8, 6],
                 min_m: [-0.02, -0.02, 0.0],

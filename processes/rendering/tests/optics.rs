@@ -143,3 +143,51 @@ fn the_picture_darkens_towards_its_rim_and_from_outside_it_does_not() {
     let [middle, corner] = [ring(0.0..0.15), ring(0.9..1.0)].map(|places| mean(&shot, 0, places));
     assert!((middle - corner).abs() < 0.04 * middle, "{middle} {corner}");
 }
+
+#[test]
+fn what_is_brighter_than_white_glows_over_what_lies_beside_it() {
+    let Some(mut r) = renderer() else { return };
+    put(&mut r, TOOL, &shapes::ball([0.0, 0.0, 0.010], 0.003, 32, 48), Material::Metal);
+    r.stage().set_appearance(TOOL, glowing()).expect("it is there");
+    let mut view = close_up(0.010);
+    let without = picture(&mut r, &view);
+    view.quality.bloom = true;
+    let with = picture(&mut r, &view);
+    // A limb that is 17.5 degrees off the line of sight is drawn at 0.545 of the way to the upper rim, 60 pixels; its light goes less than 30 beyond it.
+    let rise = |range: std::ops::Range<f32>| {
+        let [with, without] = [&with, &without].map(|shot| mean(shot, 0, ring(range.clone())));
+        with - without
+    };
+    let [beside, far] = [rise(0.58..0.66), rise(1.2..1.32)];
+    println!("red is {beside} more beside it, {far} far off");
+    assert!(beside > 8.0 && far.abs() < 1.0, "{beside} {far}");
+}
+
+#[test]
+fn what_is_drawn_coarsely_is_as_bright_all_over_the_field_as_what_is_drawn_finely_and_ends_where_that_does() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let mut view = through_scope();
+    (view.quality.bloom, view.quality.focus) = (false, false);
+    picture(&mut r, &view); // which sets the exposure
+    view.adaptation = 0.0;
+    let fine = picture(&mut r, &view);
+    let [inside, outside] = round_field();
+    let is_lit = |shot: &[u8], [x, y]: [u32; 2]| pixel(shot, x, y)[0] > 25;
+    for scale in [0.625_f32, 0.5, 0.375] {
+        view.quality.scale = scale;
+        let stats = r.render(&view).expect("a frame");
+        let coarse = r.read_rgba().expect("a picture").to_vec();
+        assert!(stats.passes_ms[4] > 0.0, "the lens is timed: {stats:?}");
+        for (from, to) in [(0.0, 0.3), (0.3, 0.6), (0.6, 0.8), (0.8, 0.95)] {
+            let [fine, coarse] = [&fine, &coarse].map(|shot| mean(shot, 1, ring(from..to)));
+            println!("at {scale}, from {from} to {to} of the field, green is {coarse} and finely {fine}");
+            assert!((fine - coarse).abs() < 7.0, "{scale}, {from} to {to}: {coarse} and {fine}");
+        }
+        let [fine_dark, dark] = [&fine, &coarse].map(|shot| inside.iter().filter(|&&(x, y)| !is_lit(shot, [x, y])).count());
+        assert!(dark < fine_dark + inside.len() / 50, "{scale}: {dark} pixels of the field are dark, finely {fine_dark}");
+        assert!(outside.iter().all(|&(x, y)| pixel(&coarse, x, y) == [0; 3]), "{scale}: nothing is drawn outside of the field");
+        let notch =
+            [[WIDTH / 2, 2], [WIDTH / 2, HEIGHT - 3], [WIDTH / 2 + 6, 3]].map(|at| [&fine, &coarse].map(|shot| is_lit(shot, at)));
+        assert!(notch.iter().all(|[fine, coarse]| fine == coarse) && !notch[0][0] && notch[1][0], "{scale}: {notch:?}");
+    }
+}

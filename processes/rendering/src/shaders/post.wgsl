@@ -140,42 +140,94 @@ fn filmic(x: vec3<f32>) -> vec3<f32> {
     return mix(curve(x), x * (curve(vec3<f32>(most)).x / most), 0.6);
 }
 
+// Where a pixel lies in the round field, whose rim is at 1.
+fn in_field(pixel: vec2<f32>) -> vec2<f32> {
+    return (pixel - 0.5 * p.size.xy) / (0.5 * min(p.size.x, p.size.y));
+}
+
+// Whether a place of the field lies outside of it, or in the orientation notch, a small triangle.
+fn is_masked(q: vec2<f32>, turn: vec2<f32>) -> bool {
+    let turned = vec2<f32>(q.x * turn.x + q.y * turn.y, -q.x * turn.y + q.y * turn.x);
+    return dot(q, q) > 1.0 || abs(turned.x) < (turned.y * -1.0 - 0.93) * 0.55;
+}
+
+// What the lens draws at a place of the field: where that is in the scene as it was drawn.
+fn through_lens(q: vec2<f32>) -> vec2<f32> {
+    let r2 = dot(q, q);
+    let src = q * (1.0 + p.lens.x * r2 + p.lens.y * r2 * r2) / (1.0 + p.lens.x + p.lens.y);
+    return src * 0.5 + 0.5;
+}
+
+// Share of the light that comes to a place so far from the middle, squared.
+fn vignette(r2: f32) -> f32 { return 1.0 - 0.48 * r2 * r2; }
+
+// Where something lies before something else an edge is drawn in steps: mean of four texels about it.
+fn smoothed(lit: vec4<f32>, uv: vec2<f32>) -> vec4<f32> {
+    let t = 0.6 / p.size.zw;
+    let s0 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(1.0, 0.4), 0.0);
+    let s1 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-0.4, 1.0), 0.0);
+    let s2 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-1.0, -0.4), 0.0);
+    let s3 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(0.4, -1.0), 0.0);
+    let top = max(max(s0.a, s1.a), max(s2.a, s3.a));
+    let low = min(min(s0.a, s1.a), min(s2.a, s3.a));
+    let edge = smoothstep(0.08, 0.30, (top - low) / max(top, 1.0e-5));
+    return vec4<f32>(mix(lit.rgb, 0.25 * (s0.rgb + s1.rgb + s2.rgb + s3.rgb), 0.8 * edge), lit.a);
+}
+
+// Light as a screen shows it.
+fn developed(c: vec3<f32>, shade: f32) -> vec3<f32> {
+    return pow(filmic(clean(c) * exposure[0] * p.tone.x * shade), vec3<f32>(0.4545));
+}
+
 fn picture(pixel: vec2<f32>, is_round: bool, turn: vec2<f32>) -> vec3<f32> {
     var uv = pixel / p.size.xy;
     var shade = 1.0;
     if is_round {
-        let radius = 0.5 * min(p.size.x, p.size.y);
-        let q = (pixel - 0.5 * p.size.xy) / radius;
+        let q = in_field(pixel);
+        if is_masked(q, turn) { return vec3<f32>(0.0); }
+        uv = through_lens(q);
         let r2 = dot(q, q);
-        let r = sqrt(r2);
-        if r > 1.0 { return vec3<f32>(0.0); }
-        let turned = vec2<f32>(q.x * turn.x + q.y * turn.y, -q.x * turn.y + q.y * turn.x);
-        if abs(turned.x) < (turned.y * -1.0 - 0.93) * 0.55 { return vec3<f32>(0.0); } // the orientation notch, a small triangle
-        let src = q * (1.0 + p.lens.x * r2 + p.lens.y * r2 * r2) / (1.0 + p.lens.x + p.lens.y);
-        uv = src * 0.5 + 0.5;
-        shade = (1.0 - 0.48 * r2 * r2) * (1.0 - smoothstep(0.975, 1.0, r));
+        shade = vignette(r2) * (1.0 - smoothstep(0.975, 1.0, sqrt(r2)));
     }
     var lit = textureSampleLevel(source, smooth_sampler, uv, 0.0);
     if FOCUSED {
         let blurred = textureSampleLevel(soft, smooth_sampler, uv, 0.0);
         lit = vec4<f32>(mix(lit.rgb, blurred.rgb, blurred.a), lit.a);
     }
-    if !FOCUSED && is_round {
-        // Where something lies before something else an edge is drawn in steps: mean of four texels about it.
-        let t = 0.6 / p.size.zw;
-        let s0 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(1.0, 0.4), 0.0);
-        let s1 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-0.4, 1.0), 0.0);
-        let s2 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-1.0, -0.4), 0.0);
-        let s3 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(0.4, -1.0), 0.0);
-        let top = max(max(s0.a, s1.a), max(s2.a, s3.a));
-        let low = min(min(s0.a, s1.a), min(s2.a, s3.a));
-        let edge = smoothstep(0.08, 0.30, (top - low) / max(top, 1.0e-5));
-        lit = vec4<f32>(mix(lit.rgb, 0.25 * (s0.rgb + s1.rgb + s2.rgb + s3.rgb), 0.8 * edge), lit.a);
-    }
+    if !FOCUSED && is_round { lit = smoothed(lit, uv); }
     var behind = vec3<f32>(0.0);
     if !is_round { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
     let c = lit.rgb + behind * (1.0 - lit.a) + textureSampleLevel(glow, smooth_sampler, uv, 0.0).rgb * p.tone.w;
-    return pow(filmic(clean(c) * exposure[0] * p.tone.x * shade), vec3<f32>(0.4545));
+    return developed(c, shade);
+}
+
+// A round field that is drawn coarsely, and of which nothing is out of focus, is developed texel by texel, and enlarged through the lens after that: of its
+// texels there are a third as many as pixels, or a tenth. Each is darkened as where the lens will draw it, which is found by Newton's way.
+const STEPS_TO_RIM: i32 = 3;
+@fragment
+fn tone(s: Screen) -> @location(0) vec4<f32> {
+    let lit = smoothed(textureSampleLevel(source, smooth_sampler, s.uv, 0.0), s.uv);
+    let c = lit.rgb + textureSampleLevel(glow, smooth_sampler, s.uv, 0.0).rgb * p.tone.w;
+    let off = length(s.uv * 2.0 - 1.0);
+    let wanted = off * (1.0 + p.lens.x + p.lens.y);
+    var r = off;
+    for (var k = 0; k < STEPS_TO_RIM; k++) {
+        let r2 = r * r;
+        let there = r * (1.0 + p.lens.x * r2 + p.lens.y * r2 * r2);
+        let slope = 1.0 + 3.0 * p.lens.x * r2 + 5.0 * p.lens.y * r2 * r2;
+        r = clamp(r - (there - wanted) / max(slope, 0.1), 0.0, 1.0);
+    }
+    return vec4<f32>(developed(c, vignette(r * r)), 1.0);
+}
+
+// Such a field, enlarged.
+@fragment
+fn plain(s: Screen) -> @location(0) vec4<f32> {
+    let q = in_field(s.at.xy);
+    if is_masked(q, s.turn) { return vec4<f32>(0.0, 0.0, 0.0, 1.0); }
+    // The rim ends softly: of light that is developed already it takes the root.
+    let rim = sqrt(1.0 - smoothstep(0.975, 1.0, length(q)));
+    return vec4<f32>(textureSampleLevel(source, smooth_sampler, through_lens(q), 0.0).rgb * rim, 1.0);
 }
 
 // x: ink, y: in a cell with a glyph, z: on the sign's row or an alarm's

@@ -9,7 +9,7 @@ use hyst_exchange::system;
 use hyst_messages::controls::WINDOW_PRESSURE;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
-use hyst_messages::{HardwareSample, InputRecord, Pose};
+use hyst_messages::{HardwareSample, InputRecord, Pose, StreamHeader};
 use rendering::{Arrow, RenderError};
 
 /// Length of an arrow for each newton, m: the 3.3 N of a desktop device are as long as a cavity.
@@ -44,6 +44,33 @@ fn spared<T>(done: Result<T, RenderError>) -> Result<Option<T>, RenderError> {
         Err(error @ RenderError::DeviceLost(_)) => Err(error),
         Err(_) => Ok(None),
     }
+}
+
+/// What has come of a state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Taken {
+    Shown,
+    /// It can be shown once something has come that is under way.
+    Waits,
+    /// It makes no sense.
+    LeftOut,
+}
+
+/// Shows the newer of the state that has come and the one that waits, or else the other one. What cannot be shown yet waits until the next picture: while the
+/// wire cuts, the topology of the newest state is often a few ms behind it, and is there by then.
+fn take_newest<T>(
+    newest: Option<T>,
+    waiting: &mut Option<T>,
+    mut show: impl FnMut(&T) -> Result<Taken, RenderError>,
+) -> Result<(), RenderError> {
+    for state in [newest, waiting.take()].into_iter().flatten() {
+        match show(&state)? {
+            Taken::Shown => return Ok(()),
+            Taken::Waits if waiting.is_none() => *waiting = Some(state),
+            Taken::Waits | Taken::LeftOut => {}
+        }
+    }
+    Ok(())
 }
 
 impl Vision<'_> {
@@ -84,21 +111,11 @@ impl Vision<'_> {
     /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
     pub(super) fn gather(&mut self, sources: &mut Sources) -> Result<(), RenderError> {
         (self.uploaded, self.copied) = (0, 0);
-        if let Some((state, held)) = sources.state().filter(|(state, _)| Some((state.epoch, state.tick)) > self.shown) {
-            let moved = self.take_state(sources, state.topology_version, held.bytes());
-            match &moved {
-                Ok(true) => self.shown = Some((state.epoch, state.tick)),
-                Ok(false) => {}
-                Err(Refused::Stage(error @ RenderError::DeviceLost(_))) => {
-                    return Err(RenderError::DeviceLost(error.to_string()));
-                }
-                Err(_) => self.life.page.add64(header::INVALID, 1),
-            }
-            let news = self.refused[0].is_news(moved.is_err());
-            if let (Err(error), true) = (moved, news) {
-                self.life.say(&format!("a message is left out: {error}"));
-            }
-        }
+        let newest = sources.state().filter(|(state, _)| Some((state.epoch, state.tick)) > self.shown);
+        let mut waiting = self.waiting.take();
+        let taken = take_newest(newest, &mut waiting, |(state, held)| self.show_state(sources, state, held.bytes()));
+        self.waiting = waiting;
+        taken?;
         if let Some((state, held)) = sources.field() {
             let key = (state.epoch, state.tick);
             if Some(key) > self.flowed {
@@ -121,6 +138,27 @@ impl Vision<'_> {
             None => {}
         }
         Ok(())
+    }
+
+    /// Shows a state of the tissue, if it can be; one that makes no sense is left out, counted, and said once.
+    fn show_state(&mut self, sources: &mut Sources, state: &StreamHeader, bytes: &[u8]) -> Result<Taken, RenderError> {
+        let moved = self.take_state(sources, state.topology_version, bytes);
+        let news = self.refused[0].is_news(moved.is_err());
+        match moved {
+            Ok(true) => {
+                self.shown = Some((state.epoch, state.tick));
+                Ok(Taken::Shown)
+            }
+            Ok(false) => Ok(Taken::Waits),
+            Err(Refused::Stage(error @ RenderError::DeviceLost(_))) => Err(error),
+            Err(error) => {
+                self.life.page.add64(header::INVALID, 1);
+                if news {
+                    self.life.say(&format!("a message is left out: {error}"));
+                }
+                Ok(Taken::LeftOut)
+            }
+        }
     }
 
     /// Whether the surfaces have moved: not before their topology is there.
@@ -211,6 +249,45 @@ mod tests {
             assert!(matches!(spared::<u64>(Err(refused)), Ok(None)));
         }
         assert!(matches!(spared::<u64>(Err(RenderError::DeviceLost("x".into()))), Err(RenderError::DeviceLost(_))));
+    }
+
+    /// While the wire cut, each picture for whose state the topology came too late showed the state of the picture before.
+    #[test]
+    fn a_state_whose_topology_is_under_way_is_shown_by_the_next_picture_though_that_of_the_newest_is_again() {
+        let (mut waiting, mut shown) = (None, Vec::new());
+        // What has come, and from which state on the topology is missing.
+        for (newest, missing_from) in
+            [(Some(1), 9), (Some(2), 2), (Some(3), 3), (Some(4), 4), (None, 5), (Some(6), 6), (Some(7), 9)]
+        {
+            let mut last = None;
+            let show = |state: &u32| {
+                let can_be = *state < missing_from;
+                last = last.or(can_be.then_some(*state));
+                Ok(if can_be { Taken::Shown } else { Taken::Waits })
+            };
+            take_newest(newest, &mut waiting, show).unwrap();
+            shown.push(last);
+        }
+        assert_eq!((shown, waiting), (vec![Some(1), None, Some(2), Some(3), Some(4), None, Some(7)], None));
+    }
+
+    #[test]
+    fn a_state_that_makes_no_sense_stands_in_nobodys_way_and_waits_for_nothing() {
+        let (mut waiting, mut shown) = (Some(4), None);
+        let show = |state: &u32| match *state {
+            5 => Ok(Taken::LeftOut),
+            _ => {
+                shown = Some(*state);
+                Ok(Taken::Shown)
+            }
+        };
+        take_newest(Some(5), &mut waiting, show).unwrap();
+        assert_eq!((shown, waiting), (Some(4), None));
+        let lost = take_newest(Some(6), &mut waiting, |_: &u32| Err(RenderError::DeviceLost("x".into())));
+        assert!(matches!(lost, Err(RenderError::DeviceLost(_))));
+        let mut newer = Some(7);
+        take_newest(None, &mut newer, |_: &u32| Ok(Taken::Waits)).unwrap();
+        assert_eq!(newer, Some(7), "without a new one it goes on waiting");
     }
 
     #[test]

@@ -177,3 +177,33 @@ pub fn table(arms: &[Arm], bare: &Bare, targets: &[Target]) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::arm::Kind;
+    use super::super::probe::Window;
+    use super::*;
+    use hyst_messages::RenderingStatus;
+
+    #[test]
+    fn what_each_pass_of_the_last_picture_took_is_printed_and_nothing_of_who_drew_none() {
+        let window = |last: Option<RenderingStatus>| Window {
+            spells: [("rendering".to_string(), Spell { picture: last, ..Spell::default() })].into(),
+            ..Window::default()
+        };
+        let said = |windows: Vec<Window>| picture(&process_row(&Arm { windows, ..Arm::new(Kind::Processes, 2) }, "rendering"));
+        let drawn = RenderingStatus {
+            frame_ms: 14.2,
+            scale: 0.5,
+            passes_ms: [0.25, 7.5, 0.0, 1.0, 4.0],
+            size_px: [640, 480],
+            period_ticks: [33, 16],
+            ..RenderingStatus::default()
+        };
+        let text = said(vec![window(None), window(Some(drawn))]).expect("there is a picture");
+        let of_picture = "a picture of 640x480 px, drawn at 0.500 of that, every 33 ms (at best 16), took 14.2 ms: ";
+        let of_passes = "normals 0.25, scene 7.50, focus 0.00, glow 1.00, finish 4.00\n";
+        assert!(text.ends_with(&format!("{of_picture}{of_passes}")), "{text}");
+        assert_eq!(said(vec![window(None)]), None);
+    }
+}
