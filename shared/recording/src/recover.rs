@@ -15,6 +15,9 @@ use std::io::{self, Read, Seek};
 
 /// Bytes of a chunk's header before its records, with room for the compression's name.
 const CHUNK_HEAD_BYTES: u64 = 128;
+/// Bytes that are read at once: what lies between the messages of two blocks has some ten thousand, in some nine records, of which each asked the system twice.
+/// A recorder that follows has to be through a file of days before the device's ring has lost what was made meanwhile.
+const AT_ONCE_BYTES: usize = 16 << 10;
 /// Bytes of an entry of a message index.
 const INDEX_ENTRY_BYTES: u64 = 16;
 
@@ -51,6 +54,7 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
     let Some(mut walk) = Walk::begin(inner)? else {
         return Ok(None);
     };
+    walk.read_ahead(AT_ONCE_BYTES);
     let mut found = Found { end: walk.at(), ..Default::default() };
     let mut open: Option<Whole> = None;
     let mut last: Option<Whole> = None;
@@ -171,4 +175,54 @@ fn is_whole<R: Read + Seek>(walk: &mut Walk<R>, chunk: &Whole) -> io::Result<boo
         Ok(())
     });
     Ok(sound.is_ok() && counts == chunk.counts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Block, Writer};
+    use hyst_messages::AppliedRecord;
+    use std::cell::Cell;
+    use std::io::SeekFrom;
+
+    /// Bytes, and how often somebody asked for some of them.
+    struct Asked<'a> {
+        bytes: io::Cursor<&'a [u8]>,
+        times: &'a Cell<u64>,
+    }
+
+    impl Read for Asked<'_> {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            self.times.set(self.times.get() + 1);
+            self.bytes.read(into)
+        }
+    }
+
+    impl Seek for Asked<'_> {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.bytes.seek(to)
+        }
+    }
+
+    /// Each record of a block was asked for by itself, and its body once more.
+    #[test]
+    fn who_goes_on_in_a_file_asks_for_a_few_parts_of_each_block() {
+        const BLOCKS: u64 = 200;
+        const TICKS: u64 = 200;
+        let path = std::env::temp_dir().join(format!("hyst-recover-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        for part in 0..BLOCKS {
+            let ticks = 1 + TICKS * part..1 + TICKS * (part + 1);
+            let applied = ticks.map(|tick| AppliedRecord { tick, ..AppliedRecord::default() }).collect();
+            writer.append(&Block { applied, ..Block::default() }).unwrap();
+        }
+        drop(writer); // as in a death: no summary
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let times = Cell::new(0);
+        let found = recover(Asked { bytes: io::Cursor::new(bytes.as_slice()), times: &times }).unwrap().unwrap();
+        assert_eq!((found.last_tick, found.end), (Some(TICKS * BLOCKS), bytes.len() as u64));
+        assert_eq!(found.contents.counts.get(&(Channel::Force as u16)), Some(&(TICKS * BLOCKS)));
+        assert!(times.get() <= 3 * BLOCKS, "{} times for {BLOCKS} blocks", times.get());
+    }
 }
