@@ -92,15 +92,13 @@ fn rows(found: &Value) -> Vec<(u64, Vec<u64>)> {
 }
 
 /// Curves that `docs/sessions.md` promises to whoever opens a recording in PlotJuggler.
-const CURVES: [&str; 8] = [
+const CURVES: [&str; 6] = [
     "/tool/pose/position/z",
-    "/tool/insertion_m",
     "/tool/velocity_m_s/x",
     "/force/force_n/x",
     "/force/motor_n/z",
     "/tissue/contact_count",
     "/fluid/pressure_pa",
-    "/processes/loop_p99_us",
 ];
 
 /// Nothing of it is what `mcap doctor`, Foxglove or PlotJuggler would refuse or show otherwise; and PlotJuggler has these curves of it, up to the last tick.

@@ -9,7 +9,7 @@ use crate::summary::Contents;
 use crate::unpack::Unpacker;
 use crate::{Session, TickRange};
 use hyst_messages::TICK_NS;
-use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
+use mcap::records::{ChunkIndex, MetadataIndex, op};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek};
 
@@ -18,8 +18,8 @@ const CHUNK_HEAD_BYTES: u64 = 128;
 /// Bytes that are read at once: what lies between the messages of two blocks has some ten thousand, in some nine records, of which each asked the system twice.
 /// A recorder that follows has to be through a file of days before the device's ring has lost what was made meanwhile.
 const AT_ONCE_BYTES: usize = 16 << 10;
-/// Bytes of an entry of a message index.
-const INDEX_ENTRY_BYTES: u64 = 16;
+/// Bytes of an entry of a message index: when, and where in the chunk.
+const INDEX_ENTRY_BYTES: usize = 16;
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -126,16 +126,22 @@ fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option
 fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
     let body = walk.body(frame, u64::MAX)?;
     chunk.index.message_index_length += frame.end() - frame.at;
-    let Ok(Record::MessageIndex(index)) = mcap::parse_record(op::MESSAGE_INDEX, &body) else {
-        return Ok(());
-    };
-    chunk.index.message_index_offsets.insert(index.channel_id, frame.at);
-    let entries = frame.length.saturating_sub(INDEX_HEAD_BYTES) / INDEX_ENTRY_BYTES;
-    chunk.counts.insert(index.channel_id, entries);
-    if index.channel_id == Channel::Force as u16 {
-        chunk.last_tick = index.records.iter().map(|entry| entry.log_time / TICK_NS).max();
+    let Some((channel_id, entries)) = entries(&body) else { return Ok(()) };
+    chunk.index.message_index_offsets.insert(channel_id, frame.at);
+    chunk.counts.insert(channel_id, entries.len() as u64);
+    if channel_id == Channel::Force as u16 {
+        let time_ns = |entry: &[u8; INDEX_ENTRY_BYTES]| entry.first_chunk::<8>().copied().map_or(0, u64::from_le_bytes);
+        chunk.last_tick = entries.iter().map(|entry| time_ns(entry) / TICK_NS).max();
     }
     Ok(())
+}
+
+/// Channel and entries of a message index; `None` of what is none. An hour has some ten million entries, which are counted and not read one by one.
+fn entries(body: &[u8]) -> Option<(u16, &[[u8; INDEX_ENTRY_BYTES]])> {
+    let ([low, high, length @ ..], rest) = body.split_first_chunk::<{ INDEX_HEAD_BYTES as usize }>()?;
+    let (entries, left) = rest.as_chunks::<INDEX_ENTRY_BYTES>();
+    let is_whole = left.is_empty() && u32::from_le_bytes(*length) as usize == rest.len();
+    is_whole.then_some((u16::from_le_bytes([*low, *high]), entries))
 }
 
 fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -> io::Result<()> {
