@@ -137,11 +137,12 @@ fn assert_papers(package: &Path, folder: &Folder) {
     for command in COMMANDS {
         assert!(first.lines().any(|line| line == format!("hystation-{command}(1)")), "{command} is not named: {first}");
     }
+    let file = root.join("usr/share/bash-completion/completions/hystation");
+    assert_offered(&root, &file);
     if !has("bash") {
         eprintln!("NOT TRIED: what bash completes, for there is none");
         return;
     }
-    let file = root.join("usr/share/bash-completion/completions/hystation");
     let completed = |words: &[&str]| {
         let found = said(Command::new("bash").args(["-c", COMPLETE]).arg(&file).args(words));
         let mut found: Vec<String> = found.lines().map(str::to_string).collect();
@@ -150,6 +151,24 @@ fn assert_papers(package: &Path, folder: &Folder) {
     };
     assert_eq!(completed(&["hystation", "re"]), ["replay", "report"]);
     assert_eq!(completed(&["hystation", "run", "--rec"]), ["--record"]);
+    assert_eq!(completed(&["hystation", "s"]), ["status", "stop", "swap"], "what only the station calls is not offered");
+    assert_eq!(completed(&["hystation", "run", "--ro"]), [""], "nor what only tests give");
+}
+
+/// Each shell is told of every command, and of none that the help hides: a tabulator offered who stands in for a guardian.
+fn assert_offered(root: &Path, bash: &Path) {
+    let [zsh, fish] = ["zsh/vendor-completions/_hystation", "fish/vendor_completions.d/hystation.fish"]
+        .map(|file| root.join("usr/share").join(file));
+    for file in [bash, zsh.as_path(), fish.as_path()] {
+        let text = std::fs::read_to_string(file).expect("completions");
+        let is_there = |word: &str| text.split(|letter: char| !letter.is_alphanumeric() && letter != '-').any(|it| it == word);
+        for command in COMMANDS {
+            assert!(is_there(command), "{} does not offer {command}", file.display());
+        }
+        for hidden in ["supervise", "stand-in", "--roles", "with-parent"] {
+            assert!(!is_there(hidden), "{} offers {hidden}", file.display());
+        }
+    }
 }
 
 /// The documents below a folder.

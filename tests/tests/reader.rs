@@ -1,11 +1,13 @@
-//! A recording opened with a reader that is not ours, the `mcap` package of PyPI: topics, schemas, every message against its schema, and what is in them, to the
-//! bit, against what our own reader finds.
+//! A recording opened with readers that are not ours. With the `mcap` package of PyPI: topics, schemas, every message against its schema, and what is in them,
+//! to the bit, against what our own reader finds; and whether anything of it breaks a rule of the format, of Foxglove or of PlotJuggler. With Foxglove's own
+//! reader for Node: how many messages it finds, also in a file that was cut.
 
-use hyst_messages::{Controls, FluidStatus, Pose, TissueStatus};
+use hyst_messages::{Controls, FluidStatus, Pose, TICK_NS, TissueStatus};
 use hyst_recording::{Block, Continuity, Recording, SAID};
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, binaries, hystation, run};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -89,6 +91,52 @@ fn rows(found: &Value) -> Vec<(u64, Vec<u64>)> {
     found.as_array().unwrap().iter().map(|row| split(numbers(row))).collect()
 }
 
+/// Curves that `docs/sessions.md` promises to whoever opens a recording in PlotJuggler.
+const CURVES: [&str; 6] = [
+    "/tool/pose/position/z",
+    "/tool/velocity_m_s/x",
+    "/force/force_n/x",
+    "/force/motor_n/z",
+    "/tissue/contact_count",
+    "/fluid/pressure_pa",
+];
+
+/// Nothing of it is what `mcap doctor`, Foxglove or PlotJuggler would refuse or show otherwise; and PlotJuggler has these curves of it, up to the last tick.
+fn assert_others_take_it(path: &Path, ours: &Block) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("readers/others.py");
+    let asked = python().arg(script).arg(path).output().unwrap();
+    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
+    let found: Value = serde_json::from_slice(&asked.stdout).unwrap();
+    assert_eq!(found["complaints"], serde_json::json!([]));
+    let curves: Vec<&str> = found["curves"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let missing: Vec<&str> = CURVES.into_iter().filter(|curve| !curves.contains(curve)).collect();
+    assert_eq!(missing, Vec::<&str>::new(), "of {curves:?}");
+    let last_tick = ours.applied.last().map(|record| record.tick);
+    assert_eq!(found["newest_ns"]["/force"].as_u64(), last_tick.map(|tick| tick * TICK_NS));
+}
+
+/// Foxglove's own reader finds each message by the summary, and in a file that was cut those before the cut.
+fn assert_foxglove_reads_it(path: &Path, counted: &Value) {
+    let modules = packages().join("node_modules");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("readers/foxglove.js");
+    let asked = Command::new("node").arg(script).arg(path).env("NODE_PATH", &modules).output();
+    let Some(asked) = asked.ok().filter(|_| modules.join("@mcap/core").is_dir()) else {
+        return not_shown(
+            "a recording read by Foxglove's reader: there is none (npm install --prefix target/reader @mcap/core @mcap/support)",
+        );
+    };
+    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
+    let found: Value = serde_json::from_slice(&asked.stdout).unwrap();
+    let there = |counts: &Value| {
+        let counts = counts.as_object().unwrap().iter().filter_map(|(topic, count)| Some((topic.clone(), count.as_u64()?)));
+        counts.filter(|(_, count)| *count > 0).collect::<BTreeMap<_, _>>()
+    };
+    assert_eq!(there(&found["whole"]["messages"]), there(counted));
+    assert!(found["whole"]["metadata"].as_array().unwrap().iter().any(|name| name == "station"), "{}", found["whole"]);
+    let (cut, whole) = (found["cut"]["messages"]["/force"].as_u64(), counted["/force"].as_u64().unwrap());
+    assert!(cut.is_some_and(|cut| (1..whole).contains(&cut)), "{cut:?} of {whole} ticks before the cut");
+}
+
 #[test]
 fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
     let has_it = python().args(["-c", "import mcap.reader"]).output().is_ok_and(|tried| tried.status.success());
@@ -105,6 +153,8 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
     let dumped: Value = serde_json::from_slice(&dumped.stdout).unwrap();
     let ours = Recording::read(&path).unwrap().content;
     assert_continuous(&ours);
+    assert_others_take_it(&path, &ours);
+    assert_foxglove_reads_it(&path, &dumped["counted"]);
     let topics = dumped["topics"].as_object().unwrap();
     for (topic, found) in topics {
         assert_eq!(found["misfit"], Value::Null, "{topic}");

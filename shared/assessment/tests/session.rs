@@ -166,6 +166,19 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     assert_eq!((csv.lines().count(), csv.lines().last().unwrap().split(',').next()), (31, Some("7999")));
 }
 
+/// Whoever is given the files of a class finds what stands in them.
+#[test]
+fn each_column_of_the_rows_and_each_key_of_the_json_stands_in_the_documents() {
+    let [_, _, json, csv] = outputs(&bytes("documented", &eventful()), 1);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let columns = csv.lines().next().unwrap().split(',').map(str::to_string);
+    let keys = json.as_object().unwrap().keys().cloned();
+    let text = include_str!("../../../docs/sessions.md");
+    let research = text.split("### For research").nth(1).and_then(|rest| rest.split("\n### ").next()).unwrap();
+    let unknown: Vec<String> = columns.chain(keys).filter(|name| !research.contains(&format!("`{name}`"))).collect();
+    assert_eq!(unknown, Vec::<String>::new());
+}
+
 #[test]
 fn a_recording_that_is_cut_anywhere_is_reported_as_far_as_it_goes_and_says_so() {
     let whole = bytes("cut", &(0..6).map(|index| busy(5_000 + 20 * index, 20)).collect::<Vec<_>>());

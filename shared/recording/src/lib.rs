@@ -1,5 +1,5 @@
 //! The session as an MCAP file: JSON channels with JSON schemas, three of them those that Foxglove publishes. `tests/tests/reader.rs` reads one with
-//! PyPI's `mcap` package and compares it to the bit; no other program was tried.
+//! PyPI's `mcap` package, to the bit, and with Foxglove's reader for Node, and holds it against what other programs take; those were not started.
 //!
 //! A recording is a head (magic, header, metadata `station`), then blocks, then `station` once more and a summary. A block is one compressed chunk with its
 //! own schemas, channels and checksum, followed by its message indexes, and is appended by one write. Promise: a file that is cut at any byte

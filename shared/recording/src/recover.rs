@@ -9,14 +9,17 @@ use crate::summary::Contents;
 use crate::unpack::Unpacker;
 use crate::{Session, TickRange};
 use hyst_messages::TICK_NS;
-use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
+use mcap::records::{ChunkIndex, MetadataIndex, op};
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek};
 
 /// Bytes of a chunk's header before its records, with room for the compression's name.
 const CHUNK_HEAD_BYTES: u64 = 128;
-/// Bytes of an entry of a message index.
-const INDEX_ENTRY_BYTES: u64 = 16;
+/// Bytes that are read at once: what lies between the messages of two blocks has some ten thousand, in some nine records, of which each asked the system twice.
+/// A recorder that follows has to be through a file of days before the device's ring has lost what was made meanwhile.
+const AT_ONCE_BYTES: usize = 16 << 10;
+/// Bytes of an entry of a message index: when, and where in the chunk.
+const INDEX_ENTRY_BYTES: usize = 16;
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -51,6 +54,7 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
     let Some(mut walk) = Walk::begin(inner)? else {
         return Ok(None);
     };
+    walk.read_ahead(AT_ONCE_BYTES);
     let mut found = Found { end: walk.at(), ..Default::default() };
     let mut open: Option<Whole> = None;
     let mut last: Option<Whole> = None;
@@ -122,16 +126,22 @@ fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option
 fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
     let body = walk.body(frame, u64::MAX)?;
     chunk.index.message_index_length += frame.end() - frame.at;
-    let Ok(Record::MessageIndex(index)) = mcap::parse_record(op::MESSAGE_INDEX, &body) else {
-        return Ok(());
-    };
-    chunk.index.message_index_offsets.insert(index.channel_id, frame.at);
-    let entries = frame.length.saturating_sub(INDEX_HEAD_BYTES) / INDEX_ENTRY_BYTES;
-    chunk.counts.insert(index.channel_id, entries);
-    if index.channel_id == Channel::Force as u16 {
-        chunk.last_tick = index.records.iter().map(|entry| entry.log_time / TICK_NS).max();
+    let Some((channel_id, entries)) = entries(&body) else { return Ok(()) };
+    chunk.index.message_index_offsets.insert(channel_id, frame.at);
+    chunk.counts.insert(channel_id, entries.len() as u64);
+    if channel_id == Channel::Force as u16 {
+        let time_ns = |entry: &[u8; INDEX_ENTRY_BYTES]| entry.first_chunk::<8>().copied().map_or(0, u64::from_le_bytes);
+        chunk.last_tick = entries.iter().map(|entry| time_ns(entry) / TICK_NS).max();
     }
     Ok(())
+}
+
+/// Channel and entries of a message index; `None` of what is none. An hour has some ten million entries, which are counted and not read one by one.
+fn entries(body: &[u8]) -> Option<(u16, &[[u8; INDEX_ENTRY_BYTES]])> {
+    let ([low, high, length @ ..], rest) = body.split_first_chunk::<{ INDEX_HEAD_BYTES as usize }>()?;
+    let (entries, left) = rest.as_chunks::<INDEX_ENTRY_BYTES>();
+    let is_whole = left.is_empty() && u32::from_le_bytes(*length) as usize == rest.len();
+    is_whole.then_some((u16::from_le_bytes([*low, *high]), entries))
 }
 
 fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -> io::Result<()> {
@@ -171,4 +181,54 @@ fn is_whole<R: Read + Seek>(walk: &mut Walk<R>, chunk: &Whole) -> io::Result<boo
         Ok(())
     });
     Ok(sound.is_ok() && counts == chunk.counts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Block, Writer};
+    use hyst_messages::AppliedRecord;
+    use std::cell::Cell;
+    use std::io::SeekFrom;
+
+    /// Bytes, and how often somebody asked for some of them.
+    struct Asked<'a> {
+        bytes: io::Cursor<&'a [u8]>,
+        times: &'a Cell<u64>,
+    }
+
+    impl Read for Asked<'_> {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            self.times.set(self.times.get() + 1);
+            self.bytes.read(into)
+        }
+    }
+
+    impl Seek for Asked<'_> {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.bytes.seek(to)
+        }
+    }
+
+    /// Each record of a block was asked for by itself, and its body once more.
+    #[test]
+    fn who_goes_on_in_a_file_asks_for_a_few_parts_of_each_block() {
+        const BLOCKS: u64 = 200;
+        const TICKS: u64 = 200;
+        let path = std::env::temp_dir().join(format!("hyst-recover-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        for part in 0..BLOCKS {
+            let ticks = 1 + TICKS * part..1 + TICKS * (part + 1);
+            let applied = ticks.map(|tick| AppliedRecord { tick, ..AppliedRecord::default() }).collect();
+            writer.append(&Block { applied, ..Block::default() }).unwrap();
+        }
+        drop(writer); // as in a death: no summary
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let times = Cell::new(0);
+        let found = recover(Asked { bytes: io::Cursor::new(bytes.as_slice()), times: &times }).unwrap().unwrap();
+        assert_eq!((found.last_tick, found.end), (Some(TICKS * BLOCKS), bytes.len() as u64));
+        assert_eq!(found.contents.counts.get(&(Channel::Force as u16)), Some(&(TICKS * BLOCKS)));
+        assert!(times.get() <= 3 * BLOCKS, "{} times for {BLOCKS} blocks", times.get());
+    }
 }

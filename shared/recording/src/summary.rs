@@ -29,7 +29,8 @@ impl Contents {
         chunk_index(&mut self.chunk_indexes, chunk);
         self.chunks += 1;
         let (start, end) = (chunk.message_start_time, chunk.message_end_time);
-        if end > 0 {
+        // Of none that there are no messages in; those of a station's first tick have the time 0.
+        if !chunk.message_index_offsets.is_empty() {
             let (first, last) = self.span_ns.unwrap_or((start, end));
             self.span_ns = Some((first.min(start), last.max(end)));
         }

@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{Folder, block, record, session, ticks, write};
 use hyst_messages::{AppliedRecord, FluidStatus};
-use hyst_recording::{Block, Ending, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
+use hyst_recording::{Block, Ending, Event, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -120,6 +120,26 @@ fn the_summary_is_one_that_the_library_reads_and_names_every_message() {
     assert_eq!(indexed, counted);
     let facts = mcap::read::metadata(&bytes, &summary.metadata_indexes[0]).unwrap();
     assert_eq!(facts.metadata["session"], "test-1");
+}
+
+/// What happened before the first tick has the time 0, and its block was left out of the times that the summary says.
+#[test]
+fn the_summary_begins_with_the_first_message_also_where_that_has_the_time_0_and_not_with_a_block_without_messages() {
+    let folder = Folder::new("span");
+    let mut writer = Writer::open(&folder.file(), &session()).unwrap();
+    let lost = Block { lost: vec![TickRange { first: 2, last: 4 }], ..Block::default() };
+    let started = Block { events: vec![Event { tick: 0, ..block(5..6).events.remove(0) }], ..Block::default() };
+    let span = |path: &Path| {
+        let stats = mcap::Summary::read(&std::fs::read(path).unwrap()).unwrap().unwrap().stats.unwrap();
+        (stats.message_start_time, stats.message_end_time)
+    };
+    [&lost, &block(5..17)].into_iter().for_each(|block| writer.append(block).unwrap());
+    writer.finish().unwrap();
+    assert_eq!(span(&folder.file()), (5_000_000, 16_000_000));
+    let mut writer = Writer::open(&folder.file(), &session()).unwrap();
+    writer.append(&started).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(span(&folder.file()), (0, 16_000_000));
 }
 
 #[test]

@@ -1,19 +1,18 @@
-//! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported and sought in, how fast the virtual clock does
-//! one again, and how soon it shows a time in it. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the
-//! median of the pairs, and between which of them it lies with 95 %: where that reaches beyond the limit, so many pairs do not show that it is held, and
-//! `--pairs` takes more. The hour is the session of those turns, again and again, so that each tick is a real one.
+//! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported, sought in and gone on in, how fast the
+//! virtual clock does one again, and how soon it shows a time in it. The Main Loop is measured as in `bench flow`: the default station with a recording and
+//! without, in turns, the median of the pairs, and between which of them it lies with 95 %: where that reaches beyond the limit, so many pairs do not show
+//! that it is held, and `--pairs` takes more. The hour is the session of those turns, again and again, so that each tick is a real one.
+
+mod hour;
 
 use super::arm::{Arm, Kind, WINDOW_NS};
 use super::program::{self, Place, Said};
 use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
 use crate::cli::WindowArgs;
-use crate::commands::report;
 use crate::settings::Refusal;
-use hyst_assessment::{Judge, judge_until};
 use hyst_exchange::{machine, system};
-use hyst_messages::Role;
-use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints, outline};
+use hyst_recording::{Block, Reader, Session};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -27,13 +26,6 @@ const WINDOW_S: f64 = 10.0;
 const MOST_RATIO: f64 = 1.01;
 /// Bytes of the file for each second of the session.
 const MOST_MB_S: f64 = 1.0;
-/// The long recording, and how long its report and its search may take, s.
-const HOUR_TICKS: u64 = 3_600_000;
-const MOST_REPORT_S: f64 = 10.0;
-const MOST_SEEK_S: f64 = 1.0;
-/// Where in it a tick is sought, and how long before it the newest that is there may lie: a second.
-const SOUGHT_TICK: u64 = 3_000_000;
-const GAP_TICKS: u64 = 1_000;
 /// Recorded time over the time that the virtual clock takes to do it again.
 const LEAST_AGAIN: f64 = 1.0;
 /// Length of the session that is done again, s.
@@ -60,8 +52,8 @@ pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result
     rows.push(row);
     targets.push(target);
     let hour = folder.file("hour.mcap");
-    repeat(&session, &hour)?;
-    for (row, target) in [reported(&hour, &folder)?, sought(&hour)?, judged_before(&hour)?, again(mesh, &folder)?] {
+    hour::repeat(&session, &hour)?;
+    for (row, target) in hour::measured(&hour, &folder)?.into_iter().chain([again(mesh, &folder)?]) {
         rows.push(row);
         targets.push(target);
     }
@@ -149,70 +141,6 @@ fn size(session: &Path) -> Result<(Value, Target), Refusal> {
     Ok((row, Target::new("MB of a recording for each second of its session".into(), mb_s, MOST_MB_S, false).required()))
 }
 
-/// A case that nobody comes to the end of, before its first tick.
-fn case() -> Result<Judge, Refusal> {
-    let brief = json!({
-        "name": "bench", "rung": "polyp", "task": "Go on.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
-        "goals": [{ "words": "all of it and more", "is": { "removed": 1e9 } }],
-        "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
-        "warnings": [{ "words": "too hard", "is": { "force_above": 1.0 } }],
-    });
-    Judge::read(&brief.to_string()).map_err(|e| failed(&e))
-}
-
-/// What a referee makes of a block, and keeps of it beside a checkpoint, as a recorder does.
-fn follow(judge: &mut Judge, block: &mut Block) {
-    block.tissue.iter().for_each(|status| judge.tissue(status));
-    block.fluid.iter().for_each(|status| judge.fluid(status));
-    block.applied.iter().for_each(|record| judge.tick(record));
-    if !block.checkpoints.is_empty() {
-        block.judged = judge.kept(judge.last_tick).into_iter().collect();
-    }
-}
-
-/// Writes the session again and again, each time with the ticks after those before, until the recording has an hour; with what is judged of a case.
-fn repeat(session: &Path, hour: &Path) -> Result<(), Refusal> {
-    let (facts, blocks) = blocks(session)?;
-    let ticks = || blocks.iter().flat_map(|block| &block.applied).map(|record| record.tick);
-    let (first, last) = ticks().next().zip(ticks().next_back()).ok_or_else(|| failed(&"the station recorded no tick"))?;
-    let length = last + 1 - first;
-    let (mut writer, mut judge) = (Writer::open(hour, &facts).map_err(|e| failed(&e))?, case()?);
-    for round in 0..HOUR_TICKS.div_ceil(length) {
-        for block in &blocks {
-            let mut block = block.clone();
-            shift(&mut block, |tick| (tick + round * length + 1).saturating_sub(first));
-            follow(&mut judge, &mut block);
-            writer.append(&block).map_err(|e| failed(&e))?;
-        }
-    }
-    writer.finish().map_err(|e| failed(&e))?;
-    Ok(())
-}
-
-/// Moves all ticks of a block.
-fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
-    for record in &mut block.applied {
-        for tick in [
-            &mut record.tick,
-            &mut record.command.tick,
-            &mut record.command.force_tick,
-            &mut record.sample.hardware_tick,
-            &mut record.model_tick,
-            &mut record.medium_tick,
-        ] {
-            *tick = to(*tick);
-        }
-    }
-    for step in &mut block.steps {
-        (step.tick, step.input_tick, step.from_tick) = (to(step.tick), to(step.input_tick), to(step.from_tick));
-    }
-    block.tissue.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
-    block.fluid.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
-    block.events.iter_mut().for_each(|event| event.tick = to(event.tick));
-    block.processes.iter_mut().for_each(|spell| spell.tick = to(spell.tick));
-    block.checkpoints.iter_mut().for_each(|kept| kept.tick = to(kept.tick));
-}
-
 /// Runs this program with these words; the time that it took, s, if it gave one of these codes.
 fn timed(command: &mut Command, codes: &[i32]) -> Result<f64, Refusal> {
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
@@ -228,52 +156,6 @@ fn timed(command: &mut Command, codes: &[i32]) -> Result<f64, Refusal> {
         Some(status) => Err(failed(&format!("{what} gave {status}: {}", said.text().trim()))),
         None => Err(program::endless(&format!("bench recording: {what}"), program::MOST_NS)),
     }
-}
-
-fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
-    let mut command = Command::new(beside("hystation")?);
-    command.arg("report").arg(hour).arg("--html").arg(folder.file("hour.html"));
-    // 3: each repetition is a jump of the hand, and of what was counted.
-    let time_s = timed(&mut command, &[0, 3])?;
-    let row = json!({ "arm": "file", "name": "report", "ticks": HOUR_TICKS, "bytes": length_of(hour)?, "time_s": time_s });
-    Ok((row, Target::new("Report of a recording of an hour, as a page, s".into(), Some(time_s), MOST_REPORT_S, false)))
-}
-
-/// What a replay looks for before it shows anything, in a file that was just written: the states before a time, the end, and the ticks from that time on.
-fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
-    let begun = Instant::now();
-    let states = checkpoints(hour, SOUGHT_TICK).map_err(|e| failed(&e))?;
-    let begin_tick = states.iter().find(|state| state.role == Role::Tissue).map_or(0, |state| state.tick);
-    let end_tick = outline(hour).map_err(|e| failed(&e))?.map(|outline| outline.last_tick);
-    let mut playback = Playback::open(hour).map_err(|e| failed(&e))?;
-    playback.skip_to(begin_tick).map_err(|e| failed(&e))?;
-    let moment = playback.at(SOUGHT_TICK).map_err(|e| failed(&e))?;
-    let time_s = begun.elapsed().as_secs_f64();
-    let is_found = begin_tick > 0 && end_tick >= Some(HOUR_TICKS) && moment.is_some_and(|moment| moment.applied.is_some());
-    let row = json!({
-        "arm": "file",
-        "name": "seek",
-        "tick": SOUGHT_TICK,
-        "begin_tick": begin_tick,
-        "end_tick": end_tick,
-        "time_s": time_s,
-    });
-    let name = "A time found in a recording of an hour, with the states before it and the end, s".into();
-    Ok((row, Target::new(name, Some(time_s).filter(|_| is_found), MOST_SEEK_S, false).required()))
-}
-
-/// What a replay that begins at that time looks for beside it, if the session has a case: what of it was done before.
-fn judged_before(hour: &Path) -> Result<(Value, Target), Refusal> {
-    let (reader, brief) = (report::open(hour)?, case()?.brief);
-    let begun = Instant::now();
-    let judge = judge_until(reader, &brief, SOUGHT_TICK, report::threads()).map_err(|e| failed(&e))?;
-    let time_s = begun.elapsed().as_secs_f64();
-    let last_tick = judge.last_tick;
-    let row = json!({ "arm": "file", "name": "judged", "tick": SOUGHT_TICK, "last_tick": last_tick, "time_s": time_s });
-    let name = "What of a case was done before that time, judged, s".into();
-    // Some ticks of a session are not there.
-    let is_there = last_tick + GAP_TICKS > SOUGHT_TICK;
-    Ok((row, Target::new(name, Some(time_s).filter(|_| is_there), MOST_SEEK_S, false).required()))
 }
 
 /// A session on the virtual clock, and the same done again and compared.
@@ -329,7 +211,6 @@ fn shown(folder: &Folder) -> Result<Value, Refusal> {
 mod tests {
     use super::*;
     use crate::commands::bench::probe::{Spell, Window};
-    use hyst_messages::{AppliedRecord, StepRecord};
 
     fn window(step_ns: u64) -> Window {
         let mut looping = vec![0; hyst_messages::LATENCY_BUCKETS];
@@ -360,34 +241,5 @@ mod tests {
     #[test]
     fn a_window_has_whole_rounds_of_the_hand() {
         assert_eq!([0.0, 0.5, 2.0, 2.1, 10.0].map(window_ns), [1, 1, 1, 2, 5].map(|rounds| rounds * WINDOW_NS));
-    }
-
-    #[test]
-    fn a_session_that_is_repeated_has_each_tick_once_and_its_states_where_they_belong() {
-        let folder = Folder::new("recording").unwrap();
-        let [short, long] = ["short.mcap", "long.mcap"].map(|name| folder.file(name));
-        let block = |first: u64| Block {
-            applied: (first..first + 200)
-                .map(|tick| AppliedRecord { tick, model_tick: tick - 1, ..AppliedRecord::default() })
-                .collect(),
-            steps: vec![StepRecord { tick: first, from_tick: first - 1, ..StepRecord::default() }],
-            checkpoints: vec![hyst_recording::Checkpoint { role: Role::Tissue, tick: first, state: vec![7; 16] }],
-            ..Block::default()
-        };
-        let facts = Session::from([("session".into(), "bench".into())]);
-        let mut writer = Writer::open(&short, &facts).unwrap();
-        // So long that an hour is three of them.
-        (0..6_000).for_each(|part| writer.append(&block(500 + 200 * part)).unwrap());
-        writer.finish().unwrap();
-        repeat(&short, &long).unwrap();
-        let mut continuity = hyst_recording::Continuity::default();
-        Reader::open(&long).unwrap().each_block(2, |block| continuity.follow(&block)).unwrap();
-        assert_eq!((continuity.ticks, continuity.repeated, continuity.missing()), (HOUR_TICKS, 0, 0));
-        let (row, target) = sought(&long).unwrap();
-        assert_eq!((row["begin_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK - 199), true), "{row}");
-        let (row, target) = judged_before(&long).unwrap();
-        assert_eq!((row["last_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK), true), "{row}");
-        let kept = Reader::open(&long).unwrap().judged(SOUGHT_TICK).unwrap().unwrap();
-        assert_eq!(kept.tick, SOUGHT_TICK, "it goes on from there");
     }
 }
