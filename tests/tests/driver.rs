@@ -20,6 +20,8 @@ use std::process::Command;
 mod plug;
 #[path = "driver/pose.rs"]
 mod pose;
+#[path = "driver/stated.rs"]
+mod stated;
 #[path = "driver/window.rs"]
 mod window;
 
