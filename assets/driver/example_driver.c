@@ -6,10 +6,19 @@
  *     hystation conformance driver ./example_driver
  *     hystation run --driver ./example_driver
  *
+ * -DCALLBACK=1 makes one whose loop runs in a thread beside `main`, as with a library that has a servo loop of its own and calls the driver back.
+ * -DPLUG='"FILE"' makes one whose device is plugged in for as long as there is that file.
  * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
 #include "hystation_driver.h"
+
+#ifndef CALLBACK
+#define CALLBACK 0
+#endif
+#ifndef PLUG
+#define PLUG "/"
+#endif
 
 #ifndef FLAW
 #define FLAW 0
@@ -99,10 +108,62 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
     if (FLAW == JUMPS && driver->tick % 100 == 7) sample->pose = hyst_pose_of(0.5f, 0.5f, 0.0f, 0.08f);
 }
 
+/* One turn of the loop: the force to the motors, the encoders to the station. */
+static void turn(hyst_driver *driver, device *it) {
+    float force_n[3];
+    hyst_take(driver, force_n);
+    hyst_sample sample = encoders(it, force_n);
+    hyst_from_window(driver, &sample, HYST_WINDOW_CONTROLS); /* it has a tip, and nothing else */
+    spoil(driver, &sample, force_n);
+    motors(it, force_n);
+    hyst_give(driver, &sample);
+}
+
+/* Whether the device is there: what a library says when it is opened, and by its errors later. */
+static int is_plugged_in(void) { return access(PLUG, F_OK) == 0; }
+
+/* It was there: with 1 the driver is started again, and looks for it. */
+static int pulled_out(hyst_driver *driver) { return hyst_fail(driver, 1, "the device is gone: plug it in again"); }
+
+static void be_real_time(hyst_driver *driver) {
+    if (!hyst_real_time(driver)) fprintf(stderr, "not real time: `hystation doctor` says how to allow it\n");
+}
+
+/* What a library's servo loop has to know: whose it is, and when to end. */
+typedef struct {
+    hyst_driver *driver;
+    device it;
+    atomic_int is_stopped;
+} servo;
+
+/* Stands for the thread of such a library. The clock is its own: a callback does not wait. */
+static void *servo_loop(void *data) {
+    servo *own = data;
+    be_real_time(own->driver); /* in this thread, for it is about the one that calls it */
+    while (!atomic_load(&own->is_stopped)) {
+        hyst_wait(own->driver, 1000000u);
+        turn(own->driver, &own->it);
+    }
+    return NULL;
+}
+
+/* What `main` does beside such a loop: it asks whether station and device go on, stops the loop, and only then says that it ends. */
+static int beside(servo *own) {
+    pthread_t thread;
+    const struct timespec pause = {.tv_nsec = 20000000};
+    if (pthread_create(&thread, NULL, servo_loop, own) != 0) return hyst_fail(own->driver, 1, "there is no thread for the servo loop");
+    while (hyst_goes_on(own->driver) && is_plugged_in()) nanosleep(&pause, NULL);
+    int is_over = !hyst_goes_on(own->driver);
+    atomic_store(&own->is_stopped, 1);
+    pthread_join(thread, NULL);
+    return is_over ? hyst_end(own->driver) : pulled_out(own->driver);
+}
+
 int main(int argc, char **argv) {
     static hyst_driver driver;
     int code = hyst_begin(&driver, argc, argv);
     if (code >= 0) return code;
+    if (!is_plugged_in()) return hyst_fail(&driver, 2, "the device is not plugged in: plug it in, and start the station again");
     hyst_statement statement = {
         .version = HYST_STATEMENT_VERSION,
         .measured_dof = 3,
@@ -118,17 +179,14 @@ int main(int argc, char **argv) {
         .name = "example in C",
     };
     if (FLAW != STATES_NOTHING) hyst_state(&driver, &statement);
-    if (!hyst_real_time(&driver)) fprintf(stderr, "not real time: `hystation doctor` says how to allow it\n");
-    device it = {0};
-    float force_n[3] = {0};
+    static servo own;
+    own.driver = &driver;
+    if (CALLBACK) return beside(&own);
+    be_real_time(&driver);
     while (hyst_goes_on(&driver) || FLAW == GOES_ON) {
+        if (!is_plugged_in()) return pulled_out(&driver);
         hyst_wait(&driver, FLAW == IS_SLOW ? 2000000u : 1000000u);
-        hyst_take(&driver, force_n);
-        hyst_sample sample = encoders(&it, force_n);
-        hyst_from_window(&driver, &sample, HYST_WINDOW_CONTROLS); /* it has a tip, and nothing else */
-        spoil(&driver, &sample, force_n);
-        motors(&it, force_n);
-        hyst_give(&driver, &sample);
+        turn(&driver, &own.it);
     }
     return hyst_end(&driver);
 }

@@ -274,6 +274,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
     let settled = ready_ns.is_some_and(|ready_ns| ended_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
     let end = match (settled, by_itself) {
         (true, _) => End::Settled,
+        (false, true) if exit == Exit::Code(2) => End::Refused,
         (false, true) => End::OfItself,
         (false, false) => End::Killed,
     };
@@ -289,6 +290,8 @@ enum End {
     Settled,
     /// Soon, by a crash or a hang.
     OfItself,
+    /// Soon, and it has said that it cannot work as things are.
+    Refused,
     /// Soon, by somebody else.
     Killed,
     /// It never began.
@@ -310,16 +313,22 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
     }
     let too_many = place.deaths_ns.len() >= limits.most_deaths;
     if (place.short_lives >= limits.most_short_lives || too_many) && !alone {
-        // Without the hardware there is nothing to feel, and without the device nobody feels it.
-        let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
-        place.life = Life::GivenUp { again_ns: if end.is_some() { u64::MAX } else { now_ns + TRY_AGAIN_NS } };
-        return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
+        // Without the hardware there is nothing to feel, and without the device nobody feels it. A driver whose device was pulled out says so, and what was
+        // done until then is kept.
+        let (reason, code) = match (slot.role(), end) {
+            (Role::Hardware, End::Refused) => ("it could not begin again", Some(3)),
+            (Role::Hardware | Role::Device, _) => ("it died again and again", Some(1)),
+            _ => ("it died again and again", None),
+        };
+        place.life = Life::GivenUp { again_ns: if code.is_some() { u64::MAX } else { now_ns + TRY_AGAIN_NS } };
+        return vec![Action::GiveUp { slot, reason, end: code }];
     }
     // One that never was ready died of itself: of its driver, of its disk. A role with a state is tried with older ones first: see `died`.
     let with_state = slot.role().is_stateful();
     place.mistrusted &= place.short_lives > 0;
     let is_enough = place.short_lives >= limits.mistrust_after() && !place.mistrusted;
-    let mistrusts = end == End::OfItself && place.was_ready && !with_state && is_enough;
+    let of_itself = matches!(end, End::OfItself | End::Refused);
+    let mistrusts = of_itself && place.was_ready && !with_state && is_enough;
     let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
     // Once in such a row, or at a later death where nobody could be replaced at this one.

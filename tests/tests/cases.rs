@@ -43,7 +43,10 @@ fn session_of(file: &Path, case: &str, hand: &str, time: &str) -> Value {
     let (code, report, said) = run(hystation().args(["report", &recording, "--json", "-"]));
     assert_eq!(code, Some(0), "{case} {hand}: {said}");
     let report: Value = serde_json::from_str(&report).unwrap();
-    println!("{case} {hand}: {} of 100; {:#}", report["score"], report["case"]);
+    // So that who weighs a metric finds what trainees come to.
+    let scored = report["metrics"].as_array().unwrap().iter().filter(|metric| metric["score"].is_number());
+    let scored: Vec<String> = scored.map(|it| format!("{} {} ({})", it["key"], it["value"], it["score"])).collect();
+    println!("{case} {hand}: {} of 100; {}; {:#}", report["score"], scored.join(", "), report["case"]);
     report
 }
 

@@ -16,8 +16,12 @@ use std::mem::offset_of;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+#[path = "driver/plug.rs"]
+mod plug;
 #[path = "driver/pose.rs"]
 mod pose;
+#[path = "driver/stated.rs"]
+mod stated;
 #[path = "driver/window.rs"]
 mod window;
 
@@ -195,7 +199,9 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (15, "moves the way it is pushed: pushed along "),
         (16, "says how fast it goes: along "),
     ];
-    let good = [binaries().join("hardware"), example(&folder, 0)];
+    // With a library that has a servo loop of its own the driver's loop runs in a thread beside `main`.
+    let in_a_callback = compile(&folder, "driver-callback", &Path::new(FOLDER).join("example_driver.c"), &["-DCALLBACK=1"]);
+    let good = [binaries().join("hardware"), example(&folder, 0), in_a_callback];
     for driver in &good {
         match tried(driver) {
             (Some(3), ..) => not_shown(&format!("whether {} conforms: the machine was too busy", driver.display())),

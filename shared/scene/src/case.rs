@@ -9,6 +9,7 @@
 
 mod brief;
 mod checks;
+mod conflicts;
 mod file;
 mod fits;
 mod metrics;
@@ -18,6 +19,7 @@ mod vary;
 mod words;
 
 pub use brief::{Aim, Asked, Brief, Cause, Named, Region, Sight, Warned};
+pub use conflicts::LOOKS_FROM_PA;
 pub use file::{
     Alarm, Biopsy, CameraHead, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey,
     Vary, Visit, Warning,
@@ -80,7 +82,7 @@ pub fn find_case(path: &Path, seed: Option<u32>) -> Result<Option<SettledCase>, 
 }
 
 /// The same of a case that was played, as a recording has it: one that a later build would refuse, because its scope does not come to a place, its current
-/// does not work in its medium or its vessels do not bleed, is settled all the same.
+/// does not work in its medium, its vessels do not bleed or its goals do not go together, is settled all the same.
 ///
 /// # Errors
 /// Those of [`find_case`], but for these.

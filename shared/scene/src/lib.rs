@@ -47,9 +47,9 @@ mod validate;
 mod wrap;
 
 pub use case::{
-    Aim, Alarm, Asked, Biopsy, Brief, CameraHead, Case, Cause, End, Energy, Goal, Held, METRIC_KEYS, Mirror, Named,
-    Place as CasePlace, Reach, Region, Removed, Rules, Rung, Score, SettledCase, Sight, Staunch, Stop, Survey, Vary, Visit,
-    Warned, Warning, case_schema_json, find_case, find_played_case,
+    Aim, Alarm, Asked, Biopsy, Brief, CameraHead, Case, Cause, End, Energy, Goal, Held, LOOKS_FROM_PA, METRIC_KEYS, Mirror,
+    Named, Place as CasePlace, Reach, Region, Removed, Rules, Rung, Score, SettledCase, Sight, Staunch, Stop, Survey, Vary,
+    Visit, Warned, Warning, case_schema_json, find_case, find_played_case,
 };
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};

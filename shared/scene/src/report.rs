@@ -33,7 +33,7 @@ pub struct CheckReport {
     pub hands: Vec<String>,
     /// Hash of all content, 16 hexadecimal digits; empty if it is not runnable.
     pub hash: String,
-    /// The case, if it is one: what its seed has drawn, goals, ends, warnings.
+    /// The case, if it is one: what its seed has drawn, goals, ends, warnings, scores.
     pub case: Option<Brief>,
 }
 
@@ -130,6 +130,7 @@ fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError>
     };
     match settled {
         Some(settled) => {
+            report.notes.extend(settled.brief.doubts());
             report.case = Some(settled.brief);
             fill(report, settled.scene);
         }

@@ -19,6 +19,7 @@ impl Supervisor {
                 self.mend_headers(now_ns);
                 self.heed_states(now_ns);
                 self.heed_recorder(now_ns);
+                self.heed_hand(now_ns);
             }
             Some(1) => self.accounts.write(&self.station),
             Some(2) => {

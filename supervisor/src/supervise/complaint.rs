@@ -1,4 +1,5 @@
-//! What the recorder complains of, for the operator, who reads its log as little as its page: once when the recording stands still, and once when it goes on.
+//! What the recorder and the hand complain of, for the operator, who reads their logs as little as their pages: once when the recording stands still or the
+//! gamepad is gone, and once when that is over.
 
 use super::Supervisor;
 use crate::journal::Seldom;
@@ -12,6 +13,27 @@ pub struct Complaint {
     since_ns: Option<u64>,
     /// A disk that is full now and then is said now and then.
     said: Seldom,
+    hand: Hand,
+}
+
+/// What was said of whoever holds the scope.
+#[derive(Debug, Default)]
+struct Hand {
+    complains: bool,
+    /// A plug that is loose is said now and then.
+    said: Seldom,
+}
+
+impl Hand {
+    /// What is to be said after a look at the hardware that lives.
+    fn look(&mut self, words: &str) -> Option<String> {
+        let complained = std::mem::replace(&mut self.complains, !words.is_empty());
+        match (complained, self.complains) {
+            (false, true) => Some(words.to_owned()),
+            (true, false) => Some("the hand has its device again".to_owned()),
+            _ => None,
+        }
+    }
 }
 
 impl Complaint {
@@ -34,6 +56,19 @@ impl Complaint {
 }
 
 impl Supervisor {
+    /// Says it when the hand's complaint begins, and when it is over.
+    pub(super) fn heed_hand(&mut self, now_ns: u64) {
+        let slot = Slot::first(Role::Hardware);
+        if self.viewer.page().is_dead(slot) {
+            return;
+        }
+        let Some(page) = self.viewer.slot_page(slot).filter(|page| page.state().is_ready()) else { return };
+        let words = page.last_words();
+        if let Some(text) = self.complaint.hand.look(&words) {
+            self.complaint.hand.said.say(&self.station, now_ns, &text);
+        }
+    }
+
     /// Says it when the recorder's complaint begins, and when it is over.
     pub(super) fn heed_recorder(&mut self, now_ns: u64) {
         let slot = Slot::first(Role::Recorder);
@@ -52,6 +87,15 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_hand_whose_device_is_gone_is_said_once_and_that_it_is_there_again_once_also_by_a_successor() {
+        let mut hand = Hand::default();
+        let said = ["", "it is gone", "it is gone", "", "", "it is gone"].map(|words| hand.look(words));
+        let again = Some("the hand has its device again".to_owned());
+        let gone = Some("it is gone".to_owned());
+        assert_eq!(said, [None, gone.clone(), None, again, None, gone]);
+    }
 
     #[test]
     fn a_recording_that_stands_still_is_said_once_and_that_it_goes_on_once_something_was_written() {

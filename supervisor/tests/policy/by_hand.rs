@@ -60,6 +60,30 @@ fn an_engine_that_refuses_the_scene_ends_the_station_with_code_2_and_only_at_its
     assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::Spawn { .. }]), "{actions:?}");
 }
 
+/// A device that was pulled out and stayed away ended the station as a driver that crashes does.
+#[test]
+fn a_driver_that_says_at_last_that_it_cannot_work_ends_the_station_with_code_3_and_one_that_crashes_with_1() {
+    let slot = Slot::first(Role::Hardware);
+    for (exit, code) in [(Exit::Code(2), 3), (Exit::Code(1), 1), (Exit::Signal(11), 1)] {
+        let (mut world, mut state) = alive(slot);
+        world.event(&mut state, Event::Ready { slot, incarnation: world.alive[&slot].0 });
+        world.now_ns += limits(Role::Hardware).settled_ns;
+        world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Code(1) });
+        for short_lives in 1..=limits(Role::Hardware).most_short_lives {
+            while world.pending.is_empty() {
+                world.now_ns += 10_000_000;
+                world.event(&mut state, Event::Tick);
+            }
+            world.settle_pending(&mut state, true);
+            let incarnation = world.alive.remove(&slot).unwrap().0;
+            let actions = step(world.now_ns, Event::Died { slot, incarnation, exit }, &mut state);
+            let end = actions.iter().find_map(|action| if let Action::GiveUp { end, .. } = action { Some(*end) } else { None });
+            let is_last = short_lives == limits(Role::Hardware).most_short_lives;
+            assert_eq!(end, is_last.then_some(Some(code)), "{exit:?} in life {short_lives}: {actions:?}");
+        }
+    }
+}
+
 #[test]
 fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held() {
     let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];

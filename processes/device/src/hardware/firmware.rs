@@ -32,6 +32,8 @@ struct Firmware<'a> {
     params: HardwareParams,
     state: HardwareState,
     hand: Hand,
+    /// What the operator is told of it: in the page, as last words are.
+    complaint: &'static str,
     ledger: Ledger,
 }
 
@@ -57,6 +59,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         params: HardwareParams::default(),
         state: HardwareState::default(),
         hand,
+        complaint: "",
         ledger: Ledger::new(life, canaries),
     };
     realtime::go(life)?;
@@ -203,5 +206,10 @@ impl Firmware<'_> {
             max_force_n: self.params.max_force_n,
         };
         self.ledger.write(&judged);
+        let complaint = self.hand.complaint();
+        if complaint != self.complaint {
+            self.life.page.last_words(complaint);
+            self.complaint = complaint;
+        }
     }
 }

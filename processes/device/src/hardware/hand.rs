@@ -204,6 +204,14 @@ impl Hand {
         self.model.limits
     }
 
+    /// What the operator is to be told of what holds the scope; nothing while all is well.
+    pub fn complaint(&self) -> &'static str {
+        match &self.will {
+            Will::Pad(pad) => pad.complaint(),
+            _ => "",
+        }
+    }
+
     /// In a replay: what was recorded of a tick, which the hand then does, and the tissue's steps that come before it. Asked for ascending ticks.
     pub fn again(&mut self, tick: u64) -> (Moment, Vec<StepRecord>) {
         match &mut self.will {

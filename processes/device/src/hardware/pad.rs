@@ -1,7 +1,7 @@
 //! A gamepad or a 3D mouse as the hand that holds the simulated device: a thread reads it, and each tick takes what it says now.
 //!
 //! Promise: the tick never waits for it; one that is pulled out holds the scope where it is and takes the finger off the current; it goes on as soon
-//! as it is there again.
+//! as it is there again. Meanwhile it complains, for the operator.
 
 mod make;
 
@@ -41,6 +41,8 @@ struct Said {
     presses: [AtomicU32; SWITCHES.len()],
     /// Which way the camera head is turned, -1, 0 or 1, as bits of an `f32`.
     head: AtomicU32,
+    /// 1 while there is none.
+    is_gone: AtomicU32,
 }
 
 impl Said {
@@ -61,6 +63,8 @@ impl Said {
 pub struct Pad {
     /// What it has no button for, and the window's keys set instead: bits of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL).
     pub lacks: u32,
+    /// What is said while it is gone.
+    gone: &'static str,
     said: Arc<Said>,
     seen: [u32; SWITCHES.len()],
     target: Option<[f32; 4]>,
@@ -69,7 +73,7 @@ pub struct Pad {
 impl Pad {
     /// Opens what `--hand` names: the first of its make, or the one at the path.
     pub fn open(make: Make, path: Option<&str>) -> Result<Pad, Failure> {
-        let pad = Pad { lacks: make.lacks(), ..Pad::default() };
+        let pad = Pad { lacks: make.lacks(), gone: make.gone(), ..Pad::default() };
         let said = Arc::clone(&pad.said);
         let path = path.map(PathBuf::from);
         let find = move || find(make, path.as_ref());
@@ -81,6 +85,11 @@ impl Pad {
         let read = move || follow(make, &said, first, || find().ok(), pause);
         let thread = std::thread::Builder::new().name("pad".into()).spawn(read);
         thread.map(|_| pad).map_err(|error| Failure::Broken(format!("cannot start a thread: {error}")))
+    }
+
+    /// What the operator is to be told of it; nothing while it is there.
+    pub fn complaint(&self) -> &'static str {
+        if self.said.is_gone.load(Ordering::Relaxed) == 0 { "" } else { self.gone }
     }
 
     /// Speed at which the camera head is turned on the scope, rad/s.
@@ -168,6 +177,7 @@ fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -
             }
             continue;
         };
+        said.is_gone.store(0, Ordering::Relaxed);
         let ranges = present.ranges();
         let mut now = Deflections::default();
         let why = loop {
@@ -180,7 +190,8 @@ fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -
             }
         };
         said.take(&Deflections::default(), None);
-        eprintln!("hardware: the {} is gone ({why}): the scope is held where it is, until there is one again", make.name());
+        said.is_gone.store(1, Ordering::Relaxed);
+        eprintln!("hardware: {} ({why})", make.gone());
     }
 }
 
@@ -248,16 +259,19 @@ mod tests {
         assert_eq!(lowest, Some(PRESSURE_PA[0]));
     }
 
-    /// What is said: the deflection about yaw, and the current.
-    fn look(said: &Said) -> (f32, u32) {
-        (f32::from_bits(said.along[1].load(Ordering::Relaxed)), said.current.load(Ordering::Relaxed))
+    /// The deflection about yaw, the current, and whether there is none.
+    type Look = (f32, u32, u32);
+
+    fn look(said: &Said) -> Look {
+        let [current, is_gone] = [&said.current, &said.is_gone].map(|word| word.load(Ordering::Relaxed));
+        (f32::from_bits(said.along[1].load(Ordering::Relaxed)), current, is_gone)
     }
 
     /// One that says what it is given, and is pulled out then; it notes what is said before each word of its own.
     struct Fake<'a> {
         words: VecDeque<Vec<Event>>,
         said: &'a Said,
-        seen: &'a RefCell<Vec<(f32, u32)>>,
+        seen: &'a RefCell<Vec<Look>>,
     }
 
     impl Source for Fake<'_> {
@@ -285,7 +299,20 @@ mod tests {
         };
         let find = || later.pop().flatten();
         follow(Make::Gamepad, &said, fake(&[current, left]), find, pause);
-        let (free, gone) = ((0.0, 0), (0.0, 0));
-        assert_eq!(*seen.borrow(), [free, (0.0, 1), (1.0, 1), gone, free, (1.0, 0), gone]);
+        let (free, gone) = ((0.0, 0, 0), (0.0, 0, 1));
+        assert_eq!(*seen.borrow(), [free, (0.0, 1, 0), (1.0, 1, 0), gone, free, (1.0, 0, 0), gone]);
+    }
+
+    /// It stood in the log of the hardware alone, which no trainee reads: the scope stood still, and nobody said why.
+    #[test]
+    fn one_that_is_gone_complains_until_it_is_there_again() {
+        for (make, word) in [(Make::Gamepad, "the gamepad is gone"), (Make::SpaceMouse, "the 3D mouse is gone")] {
+            let pad = Pad { gone: make.gone(), ..Pad::default() };
+            let complaint_of = |is_gone: u32| {
+                pad.said.is_gone.store(is_gone, Ordering::Relaxed);
+                pad.complaint()
+            };
+            assert!(complaint_of(0).is_empty() && complaint_of(1).starts_with(word) && complaint_of(0).is_empty());
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::brief::{deficit_limit_ml, middle_m, misfit};
 use super::checks::wrong;
+use super::conflicts::compatible;
 use super::file::{Case, Goal, Mirror, Place, Vary};
 use super::reach::{is_visited, reachable};
 use crate::electrode::electrode;
@@ -33,39 +34,24 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }
 
-/// What a case that was never played has to show beyond that: nobody is warned of all that a goal asks for, the scope comes to its places, its current works
-/// where a goal needs the loop, jaws find something free where one needs them, and what is to be staunched bleeds.
+/// What a case that was never played has to show beyond that: its goals go together with each other, its warnings and its end, the scope comes to its places, its
+/// current works where a goal needs the loop, jaws find something free where one needs them, and what is to be staunched bleeds.
 pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
-    unwarned(case)?;
+    let medium = case.rules.medium.unwrap_or(scene.fluid.medium);
+    compatible(case, medium)?;
     // Where objects are is known once they are drawn.
     reachable(case, scene, |place| place.centre_m)?;
     bleeds(case, scene)?;
     if scene.rigid.first().is_some_and(|rigid| rigid.jaws.is_some()) {
         return brought_out(case, scene);
     }
-    let Some([_, what, cure]) = misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) else {
+    let Some([_, what, cure]) = misfit(case.rules.energy, medium) else {
         return Ok(());
     };
     match case.goal.iter().enumerate().find_map(|(index, goal)| Some((index, cutting(goal)?))) {
         Some((index, name)) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
         None => Ok(()),
     }
-}
-
-/// Whether the pressure that a goal has held can be held by who is warned of nothing. A notice costs nothing.
-fn unwarned(case: &Case) -> Checked {
-    for (index, warning) in case.warning.iter().enumerate().filter(|(_, warning)| !warning.notice) {
-        for held in case.goal.iter().filter_map(|goal| goal.pressure.as_ref()) {
-            let name = match (warning.pressure_above_pa, warning.pressure_below_pa) {
-                (Some(above_pa), _) if above_pa <= held.from_pa => "pressure_above_pa",
-                (_, Some(below_pa)) if below_pa >= held.to_pa => "pressure_below_pa",
-                _ => continue,
-            };
-            let what = format!("warns of all pressures that a goal has held, {} to {} Pa", held.from_pa, held.to_pa);
-            return wrong(Kind::Contradiction, format!("warning[{index}].{name}"), what, "warn of others, or set notice = true");
-        }
-    }
-    Ok(())
 }
 
 /// Whether jaws can do what goals ask for: they bring out what is free, cut nothing, and need no current.

@@ -1,7 +1,7 @@
-//! A case in words: as `hystation check` shows it, what ends its session, and the pump's alarms.
+//! A case in words: as `hystation check` shows it, what is doubtful in its scores, what ends its session, and the pump's alarms.
 
-use super::brief::{Brief, Warned};
-use super::file::{Alarm, End};
+use super::brief::{Aim, Asked, Brief, Warned};
+use super::file::{Alarm, End, Score};
 use std::fmt;
 
 impl fmt::Display for Brief {
@@ -9,10 +9,49 @@ impl fmt::Display for Brief {
         writeln!(out, "case: {}", self.task.trim().replace('\n', " "))?;
         writeln!(out, "  seed {}, {:.3} ml of pathology to be removed", self.seed, self.pathology_ml)?;
         self.drawn.iter().try_for_each(|drawn| writeln!(out, "  drawn: {drawn}"))?;
-        self.goals.iter().try_for_each(|goal| writeln!(out, "  goal: {}", goal.words))?;
+        let counts = |goal: &Asked| if goal.weight == 1.0 { String::new() } else { format!(" (counts {})", goal.weight) };
+        self.goals.iter().try_for_each(|goal| writeln!(out, "  goal: {}{}", goal.words, counts(goal)))?;
         self.end.words().iter().try_for_each(|end| writeln!(out, "  ends: {end}"))?;
         let told = |warned: &Warned| if warned.is_notice() { "tells" } else { "warns" };
-        self.warnings.iter().try_for_each(|warned| writeln!(out, "  {}: {}", told(warned), warned.words))
+        self.warnings.iter().try_for_each(|warned| writeln!(out, "  {}: {}", told(warned), warned.words))?;
+        self.score.iter().try_for_each(|(key, score)| writeln!(out, "  score: {key} {}", score.words()))
+    }
+}
+
+impl Brief {
+    /// What its scores ask for that its session lets nobody have, or leaves to everybody, one sentence each.
+    pub fn doubts(&self) -> Vec<String> {
+        let weighed = |key: &str| self.score.get(key).filter(|score| score.weight != Some(0.0));
+        let scale = |key: &str| weighed(key).and_then(|score| score.full.zip(score.none));
+        let percent = |aim: &Aim| if let Aim::Removed(ml) = aim { Some(100.0 * ml / self.pathology_ml) } else { None };
+        let most_percent = self.goals.iter().filter_map(|goal| percent(&goal.is)).reduce(f64::max);
+        let mut doubts = Vec::new();
+        if let (Some((full, _)), Some(percent)) = (scale("pathology"), most_percent)
+            && self.end.goals
+            && full > percent + 1e-6
+        {
+            doubts.push(format!("score.pathology is full at {full} %, and the session ends with its goals, at {percent:.1} %"));
+        }
+        if let (Some((full, none)), Some(time_s)) = (scale("time"), self.end.time_s)
+            && none > time_s.max(full)
+        {
+            doubts.push(format!(
+                "score.time is 0 at {none} s, and the session ends at {time_s} s: who is out of time has some of it"
+            ));
+        }
+        if weighed("landmarks").is_some() && !self.goals.iter().any(|goal| matches!(goal.is, Aim::Look { .. })) {
+            doubts.push("score.landmarks has no value: no goal has landmarks looked at".to_owned());
+        }
+        doubts
+    }
+}
+
+impl Score {
+    /// What it says, in words.
+    fn words(&self) -> String {
+        let weight = self.weight.map(|weight| if weight == 0.0 { "not at all".to_owned() } else { format!("weighs {weight}") });
+        let scale = self.full.zip(self.none).map(|(full, none)| format!("100 % at {full}, 0 % at {none}"));
+        weight.into_iter().chain(scale).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -39,6 +78,72 @@ impl Alarm {
             Alarm::AbnormalLoss => "abnormal loss",
             Alarm::Perforation => "perforation",
             Alarm::ContainerChange => "container change",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn brief(case: &str) -> Brief {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../assets/cases/{case}.toml"));
+        crate::find_case(&path, None).unwrap().unwrap().brief
+    }
+
+    #[test]
+    fn a_case_says_what_its_goals_count_and_its_scores_weigh() {
+        let said = brief("polyp").to_string();
+        for line in [
+            "  goal: remove 80 % of the pathology (counts 3)",
+            "  score: energised_free weighs 3",
+            "  score: pathology weighs 4, 100 % at 80, 0 % at 0",
+            "  score: time 100 % at 300, 0 % at 900",
+        ] {
+            assert!(said.lines().any(|found| found == line), "{line}: {said}");
+        }
+        assert!(brief("access").to_string().contains("  score: in_view not at all\n"));
+    }
+
+    #[test]
+    fn a_score_that_nobody_can_have_or_that_is_left_to_who_is_out_of_time_is_doubted() {
+        let good = brief("polyp");
+        assert_eq!(good.doubts(), Vec::<String>::new());
+        let with = |key: &str, score: Score| {
+            let mut brief = good.clone();
+            brief.score.insert(key.to_owned(), score);
+            brief.doubts()
+        };
+        let of = |full: f64, none: f64| Score { weight: Some(2.0), full: Some(full), none: Some(none) };
+        for (key, doubtful, certain) in
+            [("pathology", of(90.0, 0.0), of(80.0, 0.0)), ("time", of(300.0, 901.0), of(300.0, 900.0))]
+        {
+            let doubts = with(key, doubtful);
+            assert!(doubts.len() == 1 && doubts[0].starts_with(&format!("score.{key} ")), "{doubts:?}");
+            assert_eq!(with(key, certain), Vec::<String>::new(), "{key}");
+            assert_eq!(with(key, Score { weight: Some(0.0), ..doubtful }), Vec::<String>::new(), "{key} weighs nothing");
+        }
+        let unseen = with("landmarks", Score { weight: Some(2.0), ..Score::default() });
+        assert!(unseen.len() == 1 && unseen[0].contains("no goal has landmarks looked at"), "{unseen:?}");
+    }
+
+    #[test]
+    fn no_case_that_comes_with_the_station_has_a_doubtful_score() {
+        let cases = [
+            "access",
+            "biopsy",
+            "bleeding",
+            "distension",
+            "fluid-overload",
+            "myoma",
+            "navigation",
+            "perforation",
+            "retrieval",
+            "septum",
+        ];
+        for case in cases {
+            assert_eq!(brief(case).doubts(), Vec::<String>::new(), "{case}");
         }
     }
 }

@@ -64,6 +64,14 @@ impl Make {
         }
     }
 
+    /// What is said while there is none.
+    pub(super) fn gone(self) -> &'static str {
+        match self {
+            Make::Gamepad => "the gamepad is gone: the scope is held where it is, without current, until there is one again",
+            Make::SpaceMouse => "the 3D mouse is gone: the scope is held where it is, without current, until there is one again",
+        }
+    }
+
     /// What it has no button for, a bit of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each: a 3D mouse has two, for the loop and
     /// the current that cuts.
     pub(super) fn lacks(self) -> u32 {
