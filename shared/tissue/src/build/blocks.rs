@@ -18,7 +18,7 @@ pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Corners, Vec<Block>, Ve
     let order = layout::pack(&mesh.tets, mesh.positions_m.len());
     let (orders, _) = order.as_chunks::<LANES>();
     let corners = match mesh.positions_m.len() < SHORT_NODES {
-        true => Corners::Short(corners_of(orders, mesh, |node| node as u16)),
+        true => Corners::Short(corners_of(orders, mesh, layout::short_number)),
         false => Corners::Long(corners_of(orders, mesh, |node| node)),
     };
     let blocks = orders.iter().map(|lanes| block_of(lanes, rest)).collect();
