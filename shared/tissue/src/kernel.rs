@@ -47,14 +47,14 @@ fn minus<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// What the search for rotations leaves for the substeps, of 16 tets.
+/// What the search for rotations leaves for the substeps, of 16 tets; the factors with the sign that forces have.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
     /// Q = V·R·Bᵀ, row by row; m².
     pub q: [Row; 9],
-    /// (1 + β)/2, the share of the metric's force.
+    /// −(1 + β)/2, the share of the metric's force.
     pub straight: Row,
-    /// (1 − β)·μ/V, the factor of Q·edgesᵀ·Q; Pa/m³.
+    /// −(1 − β)·μ/V, the factor of Q·edgesᵀ·Q; Pa/m³.
     pub turned: Row,
 }
 
@@ -117,9 +117,9 @@ fn find_frame<S: Lanes>(
     let found = crate::polar::rotation(simd, &f);
     let volume = F::load(simd, &rest.volume, half);
     let straight = add_sums(simd, block, &f, &found, volume, half, sums);
-    straight.store(&mut frame.straight, half);
+    (-straight).store(&mut frame.straight, half);
     let turned = (F::splat(simd, 1.0) - straight) * F::load(simd, &block.two_mu, half);
-    (turned * F::load(simd, &block.inv_volume, half)).store(&mut frame.turned, half);
+    (-(turned * F::load(simd, &block.inv_volume, half))).store(&mut frame.turned, half);
     for k in 0..3 {
         for j in 0..3 {
             let r = found.matrix[k];
@@ -207,13 +207,13 @@ fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3]
     }
     let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
     let pressure = two_mu - (lambda * (trace - three)).min(two_mu);
-    let factor = -F::load(simd, &frame.turned, half);
+    let factor = F::load(simd, &frame.turned, half);
     for i in 0..3 {
         for j in 0..3 {
             turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
         }
     }
-    let straight = -F::load(simd, &frame.straight, half);
+    let straight = F::load(simd, &frame.straight, half);
     let metric = &block.metric;
     let mut forces = [[three; 3]; 4];
     for k in 0..3 {
