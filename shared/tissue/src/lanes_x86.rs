@@ -21,6 +21,11 @@ fn add_row<N: Nodes + ?Sized>(simd: V3, nodes: &mut N, node: N::Number, force: _
 
 impl Lanes for V3 {
     #[inline(always)]
+    fn any(self, mask: Self::m32s) -> bool {
+        self.avx._mm256_movemask_ps(cast(mask)) != 0
+    }
+
+    #[inline(always)]
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> Vector<Self> {
         let avx = self.avx;
         let mut rows: [__m256; 4] = [cast([0.0f32; 8]); 4];
@@ -73,6 +78,11 @@ impl Lanes for V3 {
 }
 
 impl Lanes for V4 {
+    #[inline(always)]
+    fn any(self, mask: Self::m32s) -> bool {
+        mask.0 != 0
+    }
+
     #[inline(always)]
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], _half: usize) -> Vector<Self> {
         let avx = self.avx512f;
