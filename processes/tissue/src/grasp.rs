@@ -17,8 +17,8 @@ use std::ops::Range;
 
 /// What has been drawn so far from its pad slips out, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
 const SLIP_M: f32 = 1.5e-3;
-/// Jaws that are farther apart than a step before by more than this open, m.
-const OPENS_M: f32 = 1e-6;
+/// Jaws that are farther apart than a step before by more than this open, m: more than a hand trembles, or two steps of a converter of 10 bits are.
+const OPENS_M: f32 = 2e-5;
 /// Jaws that are farther apart than when they took hold by more than this have opened, however slowly, m: what both of them touched then lies loose.
 const OPENED_M: f32 = 1e-4;
 

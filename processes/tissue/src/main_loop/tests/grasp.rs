@@ -9,9 +9,12 @@ use hyst_messages::stream::ObjectKind;
 
 /// How fast the device opens and closes the jaws, m per tick.
 const CLOSES_M: f32 = 30e-6;
-/// How fast a hand opens them that nobody sees open them, m per tick: 0.9 mm/s.
-const SLOWLY_M: f32 = 0.9e-6;
-/// How much farther apart they are then when they have let go, m.
+/// How fast a hand opens them that nobody sees open them, m per tick, and how far jaws tremble.
+const SLOWLY_M: f32 = 7e-6;
+const TREMBLE_M: f32 = 15e-6;
+/// For how many ticks they do: in the last one they are as far apart as before.
+const TREMBLES: u64 = 20;
+/// How much farther apart they are than when they took hold once they have let go, m.
 const LOOSE_M: f32 = 1e-4;
 /// How fast the hand goes back with what it holds, m/s, and for how many ticks.
 const BACK_M_S: f32 = 0.02;
@@ -161,7 +164,7 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
 }
 
 #[test]
-fn jaws_that_open_ever_so_slowly_let_go_once_they_are_farther_apart_than_when_they_took_hold() {
+fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_farther_apart_than_when_they_took_hold() {
     let (station, pages) = founded("slowly", &settings());
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
@@ -174,8 +177,13 @@ fn jaws_that_open_ever_so_slowly_let_go_once_they_are_farther_apart_than_when_th
         assert!(apart_m > 0.0, "nothing is between the jaws");
         now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, apart_m), (0.0, IN_M)));
     }
-    let hold_m = core_of(&now).hold_m;
+    let (held, hold_m) = (core_of(&now).held, core_of(&now).hold_m);
     assert_eq!(hold_m, apart_m);
+    for step in 1..=TREMBLES {
+        tick += 1;
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, hold_m - TREMBLE_M * (step % 2) as f32), (0.0, IN_M)));
+        assert_eq!(core_of(&now).held, held, "after {step} ticks");
+    }
     let mut before = now.clone();
     while core_of(&now).held > 0 {
         (tick, apart_m) = (tick + 1, apart_m + SLOWLY_M);
