@@ -20,8 +20,6 @@ const VELOCITY_FLUSH_M_S: f32 = 1e-20;
 
 /// Smallest μ·g that is divided by, Pa: an element this small in every direction turns without effect.
 const G_MIN: f32 = 1e-6;
-/// Smallest λ that is divided by, Pa.
-const LAMBDA_MIN_PA: f32 = 1e-20;
 /// Where the three columns of the symmetric metric lie among its six rows.
 const METRIC_COLUMNS: [[usize; 3]; 3] = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
 
@@ -116,7 +114,7 @@ fn find_frame<S: Lanes>(
     }
     let found = crate::polar::rotation(simd, &f);
     let volume = F::load(simd, &rest.volume, half);
-    let straight = add_sums(simd, block, &f, &found, volume, half, sums);
+    let straight = add_sums(simd, (block, rest), &f, &found, half, sums);
     (-straight).store(&mut frame.straight, half);
     let turned = (F::splat(simd, 1.0) - straight) * F::load(simd, &block.two_mu, half);
     (-(turned * F::load(simd, &block.inv_volume, half))).store(&mut frame.turned, half);
@@ -133,10 +131,9 @@ fn find_frame<S: Lanes>(
 #[inline(always)]
 fn add_sums<S: Lanes>(
     simd: S,
-    block: &Block,
+    (block, rest): (&Block, &RestBlock),
     f: &[V3<S>; 3],
     found: &crate::polar::Rotation<S>,
-    volume: F<S>,
     half: usize,
     sums: &mut TetSums,
 ) -> F<S> {
@@ -154,10 +151,9 @@ fn add_sums<S: Lanes>(
     let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
     // ∫ min(λs, 2μ) ds = p·(s − p/2λ) with p the clamped pressure; where λ = 0 so is p.
     let pressure = (lambda * stretch).min(two_mu);
-    let half_inverse = F::splat(simd, 0.5) * lambda.max(F::splat(simd, LAMBDA_MIN_PA)).recip();
-    let volumetric = pressure * half_inverse.nfma(pressure, stretch);
+    let volumetric = pressure * F::load(simd, &rest.half_inv_lambda, half).nfma(pressure, stretch);
     let mu = F::splat(simd, 0.5) * two_mu;
-    let energy = volume * mu.fma(squared, volumetric);
+    let energy = F::load(simd, &rest.volume, half) * mu.fma(squared, volumetric);
     (F::load(simd, &sums.energy_j, half) + energy).store(&mut sums.energy_j, half);
     let inverted = zero.if_greater(found.orientation, one, zero);
     (F::load(simd, &sums.inverted, half) + inverted).store(&mut sums.inverted, half);

@@ -132,6 +132,8 @@ pub(crate) struct RestBlock {
     pub inv_edges: [Row; 9],
     /// V, m³; 0 in padding lanes.
     pub volume: Row,
+    /// 1/2λ, 1/Pa; finite also where λ is 0.
+    pub half_inv_lambda: Row,
 }
 
 /// Number of rows for `nodes` nodes and one spare.
