@@ -258,13 +258,16 @@ fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record
     row["peers_note"] = json!(PEERS);
 }
 
+/// The median time of a step with the test on so many threads, ns, counting the phases that are chosen.
+fn median_ns(scene: &LoadedScene, threads: usize, counts: impl Fn(usize) -> bool) -> Result<f64, String> {
+    let record = Press::new(scene, Isa::detect(), threads)?.run(RUN_NS)?;
+    Ok(quantile_ns(&mut record.steps_ns(counts), 0.5).max(1.0))
+}
+
 /// How many times as much the chosen phases get done: with the test on several threads, and by as many independent copies. One thread
 /// alone is measured in the same breath, so that all three see the same machine.
 fn speedup(scene: &LoadedScene, counts: impl Fn(usize) -> bool + Sync) -> Result<Value, String> {
-    let median_ns = |threads: usize| -> Result<f64, String> {
-        let record = Press::new(scene, Isa::detect(), threads)?.run(RUN_NS)?;
-        Ok(quantile_ns(&mut record.steps_ns(&counts), 0.5).max(1.0))
-    };
+    let median_ns = |threads: usize| median_ns(scene, threads, &counts);
     let alone_ns = median_ns(1)?;
     let shared_ns = median_ns(THREADS)?;
     let copies: Vec<Result<f64, String>> = std::thread::scope(|scope| {

@@ -2,7 +2,7 @@
 //!
 //! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that hold are not solid until they are as
 //! far apart again as when they took hold, so that nothing is pressed out from between them or thrown by them; what slips, or is no tissue any more, is let
-//! go.
+//! go; and jaws that open let go, be it ever so slowly: at once, or where they no longer touch what they took hold of.
 
 use crate::contacts::STIFFNESS_N_M3;
 use crate::state::Core;
@@ -17,8 +17,10 @@ use std::ops::Range;
 
 /// What has been drawn so far from its pad slips out, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
 const SLIP_M: f32 = 1.5e-3;
-/// Jaws that are farther apart than a step before by more than this open, m.
-const OPENS_M: f32 = 1e-6;
+/// Jaws that are farther apart than a step before by more than this open, m: more than a hand trembles, or two steps of a converter of 10 bits are.
+const OPENS_M: f32 = 2e-5;
+/// Jaws that are farther apart than when they took hold by more than this have opened, however slowly, m: what both of them touched then lies loose.
+const OPENED_M: f32 = 1e-4;
 
 /// A point that is held, as the state has it.
 #[repr(C)]
@@ -75,7 +77,7 @@ impl Grasp {
         if tool.jaws().is_none() {
             return Stand::default();
         }
-        if apart_m <= before.loop_m + OPENS_M {
+        if apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M) {
             let at = pad_placer(tool, pose);
             let is_near = |grip: &Grip| {
                 let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);

@@ -7,7 +7,7 @@
 //! Promise: the stress is that of the step's own elements (`kernel`, whose β does nothing at the element's rotation); in double precision, with
 //! + − × ÷ alone and in the order of the model's blocks, so that the bits depend on model and shape alone, whatever the instruction set.
 
-use crate::layout::{Corners, LANES};
+use crate::layout::{self, Corners, LANES};
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
 
@@ -56,7 +56,7 @@ pub fn holding_forces(model: &Model, position_m: &[[f32; 3]], out_n: &mut [[f32;
 /// The nodes of the tet in a lane of a block.
 fn corners_of(corners: &Corners, block: usize, lane: usize) -> [usize; 4] {
     match corners {
-        Corners::Short(all) => [0, 1, 2, 3].map(|corner| usize::from(all[block][corner][lane])),
+        Corners::Short(all) => [0, 1, 2, 3].map(|corner| layout::short_node(all[block][corner][lane]) as usize),
         Corners::Long(all) => [0, 1, 2, 3].map(|corner| all[block][corner][lane] as usize),
     }
 }

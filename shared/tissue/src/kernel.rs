@@ -20,8 +20,6 @@ const VELOCITY_FLUSH_M_S: f32 = 1e-20;
 
 /// Smallest μ·g that is divided by, Pa: an element this small in every direction turns without effect.
 const G_MIN: f32 = 1e-6;
-/// Smallest λ that is divided by, Pa.
-const LAMBDA_MIN_PA: f32 = 1e-20;
 /// Where the three columns of the symmetric metric lie among its six rows.
 const METRIC_COLUMNS: [[usize; 3]; 3] = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
 
@@ -47,14 +45,14 @@ fn minus<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// What the search for rotations leaves for the substeps, of 16 tets.
+/// What the search for rotations leaves for the substeps, of 16 tets; the factors with the sign that forces have.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
     /// Q = V·R·Bᵀ, row by row; m².
     pub q: [Row; 9],
-    /// (1 + β)/2, the share of the metric's force.
+    /// −(1 + β)/2, the share of the metric's force.
     pub straight: Row,
-    /// (1 − β)·μ/V, the factor of Q·edgesᵀ·Q; Pa/m³.
+    /// −(1 − β)·μ/V, the factor of Q·edgesᵀ·Q; Pa/m³.
     pub turned: Row,
 }
 
@@ -116,10 +114,10 @@ fn find_frame<S: Lanes>(
     }
     let found = crate::polar::rotation(simd, &f);
     let volume = F::load(simd, &rest.volume, half);
-    let straight = add_sums(simd, block, &f, &found, volume, half, sums);
-    straight.store(&mut frame.straight, half);
+    let straight = add_sums(simd, (block, rest), &f, &found, half, sums);
+    (-straight).store(&mut frame.straight, half);
     let turned = (F::splat(simd, 1.0) - straight) * F::load(simd, &block.two_mu, half);
-    (turned * F::load(simd, &block.inv_volume, half)).store(&mut frame.turned, half);
+    (-(turned * F::load(simd, &block.inv_volume, half))).store(&mut frame.turned, half);
     for k in 0..3 {
         for j in 0..3 {
             let r = found.matrix[k];
@@ -133,10 +131,9 @@ fn find_frame<S: Lanes>(
 #[inline(always)]
 fn add_sums<S: Lanes>(
     simd: S,
-    block: &Block,
+    (block, rest): (&Block, &RestBlock),
     f: &[V3<S>; 3],
     found: &crate::polar::Rotation<S>,
-    volume: F<S>,
     half: usize,
     sums: &mut TetSums,
 ) -> F<S> {
@@ -154,10 +151,9 @@ fn add_sums<S: Lanes>(
     let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
     // ∫ min(λs, 2μ) ds = p·(s − p/2λ) with p the clamped pressure; where λ = 0 so is p.
     let pressure = (lambda * stretch).min(two_mu);
-    let half_inverse = F::splat(simd, 0.5) * lambda.max(F::splat(simd, LAMBDA_MIN_PA)).recip();
-    let volumetric = pressure * half_inverse.nfma(pressure, stretch);
+    let volumetric = pressure * F::load(simd, &rest.half_inv_lambda, half).nfma(pressure, stretch);
     let mu = F::splat(simd, 0.5) * two_mu;
-    let energy = volume * mu.fma(squared, volumetric);
+    let energy = F::load(simd, &rest.volume, half) * mu.fma(squared, volumetric);
     (F::load(simd, &sums.energy_j, half) + energy).store(&mut sums.energy_j, half);
     let inverted = zero.if_greater(found.orientation, one, zero);
     (F::load(simd, &sums.inverted, half) + inverted).store(&mut sums.inverted, half);
@@ -207,13 +203,13 @@ fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3]
     }
     let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
     let pressure = two_mu - (lambda * (trace - three)).min(two_mu);
-    let factor = -F::load(simd, &frame.turned, half);
+    let factor = F::load(simd, &frame.turned, half);
     for i in 0..3 {
         for j in 0..3 {
             turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
         }
     }
-    let straight = -F::load(simd, &frame.straight, half);
+    let straight = F::load(simd, &frame.straight, half);
     let metric = &block.metric;
     let mut forces = [[three; 3]; 4];
     for k in 0..3 {

@@ -112,8 +112,18 @@ impl<S: Simd> F<S> {
     }
 }
 
+impl<S: Lanes> F<S> {
+    /// Whether self > bound in any lane.
+    #[inline(always)]
+    pub fn any_greater(self, bound: Self) -> bool {
+        self.simd.any(self.simd.greater_than_f32s(self.value, bound.value))
+    }
+}
+
 /// What differs between the widths. `half` counts parts of a block of 16 lanes; nodes are rows of (x, y, z, 0).
 pub(crate) trait Lanes: Simd {
+    /// Whether a comparison holds in any lane.
+    fn any(self, mask: Self::m32s) -> bool;
     /// The nodes of one corner of this half's tets, as lanes of x, y, z.
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> V3<Self>;
     /// Adds the forces on the four corners of this half's tets to their nodes, corner by corner, lane by lane, in groups of 8.
@@ -121,6 +131,11 @@ pub(crate) trait Lanes: Simd {
 }
 
 impl Lanes for pulp::Scalar {
+    #[inline(always)]
+    fn any(self, mask: bool) -> bool {
+        mask
+    }
+
     #[inline(always)]
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> V3<Self> {
         let node = nodes.node(corner[half]);

@@ -7,6 +7,7 @@ use crate::layout::{LANES, Nodes};
 use bytemuck::cast;
 use pulp::x86::{V3, V4};
 use std::arch::x86_64::{__m128, __m256, __m256d, __m512, __m512d};
+use std::hint::black_box;
 
 #[inline(always)]
 fn row<N: Nodes + ?Sized>(nodes: &N, node: N::Number) -> __m128 {
@@ -19,7 +20,19 @@ fn add_row<N: Nodes + ?Sized>(simd: V3, nodes: &mut N, node: N::Number, force: _
     *sum = cast(simd.sse._mm_add_ps(cast(*sum), force));
 }
 
+/// The numbers of the corners, to be read again: those of a gather are more than there are registers for, and what the compiler knows to be the same it writes
+/// to the stack, one by one, and reads from there.
+#[inline(always)]
+fn again<T>(corners: &T) -> &T {
+    black_box(corners)
+}
+
 impl Lanes for V3 {
+    #[inline(always)]
+    fn any(self, mask: Self::m32s) -> bool {
+        self.avx._mm256_movemask_ps(cast(mask)) != 0
+    }
+
     #[inline(always)]
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> Vector<Self> {
         let avx = self.avx;
@@ -47,7 +60,7 @@ impl Lanes for V3 {
         half: usize,
         forces: &[Vector<Self>; 4],
     ) {
-        let avx = self.avx;
+        let (avx, corners) = (self.avx, again(corners));
         let zero: __m256 = cast([0.0f32; 8]);
         for corner in 0..4 {
             let [x, y, z]: [__m256; 3] =
@@ -73,6 +86,11 @@ impl Lanes for V3 {
 }
 
 impl Lanes for V4 {
+    #[inline(always)]
+    fn any(self, mask: Self::m32s) -> bool {
+        mask.0 != 0
+    }
+
     #[inline(always)]
     fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], _half: usize) -> Vector<Self> {
         let avx = self.avx512f;
@@ -102,7 +120,7 @@ impl Lanes for V4 {
         _half: usize,
         forces: &[Vector<Self>; 4],
     ) {
-        let avx = self.avx512f;
+        let (avx, corners) = (self.avx512f, again(corners));
         let zero: __m512 = cast([0.0f32; 16]);
         let mut rows = [[zero; 4]; 4];
         for corner in 0..4 {

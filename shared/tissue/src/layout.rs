@@ -19,10 +19,23 @@ impl Row {
 }
 
 /// Nodes that 16 bits can name, the spare one included.
-pub(crate) const SHORT_NODES: usize = 1 << 16;
-/// The rows of the nodes where 16 bits name them: as many as there are such numbers, so that no number has to be compared with their count. What lies
-/// behind the model's own is never touched.
-pub(crate) type ShortNodes = [[f32; 4]; SHORT_NODES];
+pub(crate) const SHORT_NODES: usize = 1 << 15;
+/// The pairs in [`ShortNodes`]: two from each number of 16 bits on.
+const SHORT_PAIRS: usize = (1 << 16) + 1;
+/// The rows of the nodes where 16 bits name them, as pairs of floats. A node's number is that of its first pair ([`short_number`]): a processor takes eight
+/// times a number for an address as it is, and sixteen times a number only once it was shifted. There are pairs for every number of 16 bits, so that none
+/// has to be compared with their count. What lies behind the model's own is never touched.
+pub(crate) type ShortNodes = [[f32; 2]; SHORT_PAIRS];
+
+/// The number in [`ShortNodes`] of one of [`SHORT_NODES`] nodes.
+pub(crate) fn short_number(node: u32) -> u16 {
+    (2 * node) as u16
+}
+
+/// The node that a number in [`ShortNodes`] names.
+pub(crate) fn short_node(number: u16) -> u32 {
+    u32::from(number / 2)
+}
 
 /// Rows of nodes as (x, y, z, 0), and the numbers that name them.
 pub(crate) trait Nodes {
@@ -42,24 +55,26 @@ impl Nodes for ShortNodes {
 
     #[inline(always)]
     fn of(rows: &[Row]) -> &Self {
-        let nodes: &[[f32; 4]] = bytemuck::cast_slice(rows);
-        nodes.first_chunk().expect("rows for every number of 16 bits")
+        let pairs: &[[f32; 2]] = bytemuck::cast_slice(rows);
+        pairs.first_chunk().expect("rows for every number of 16 bits")
     }
 
     #[inline(always)]
     fn of_mut(rows: &mut [Row]) -> &mut Self {
-        let nodes: &mut [[f32; 4]] = bytemuck::cast_slice_mut(rows);
-        nodes.first_chunk_mut().expect("rows for every number of 16 bits")
+        let pairs: &mut [[f32; 2]] = bytemuck::cast_slice_mut(rows);
+        pairs.first_chunk_mut().expect("rows for every number of 16 bits")
     }
 
     #[inline(always)]
     fn node(&self, number: u16) -> &[f32; 4] {
-        &self[usize::from(number)]
+        let pairs: &[[f32; 2]; 2] = self[usize::from(number)..].first_chunk().expect("two pairs from every number on");
+        bytemuck::cast_ref(pairs)
     }
 
     #[inline(always)]
     fn node_mut(&mut self, number: u16) -> &mut [f32; 4] {
-        &mut self[usize::from(number)]
+        let pairs: &mut [[f32; 2]; 2] = self[usize::from(number)..].first_chunk_mut().expect("two pairs from every number on");
+        bytemuck::cast_mut(pairs)
     }
 }
 
@@ -90,7 +105,7 @@ impl Nodes for [[f32; 4]] {
 /// The nodes of the tets, for each block that of corner c in lane l. Padding lanes name the spare node behind the last one.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Corners {
-    /// Of a model with nodes that 16 bits can name.
+    /// Of a model with nodes that 16 bits can name, by their numbers in [`ShortNodes`].
     Short(Vec<[[u16; LANES]; 4]>),
     /// Of any.
     Long(Vec<[[u32; LANES]; 4]>),
@@ -117,6 +132,8 @@ pub(crate) struct RestBlock {
     pub inv_edges: [Row; 9],
     /// V, m³; 0 in padding lanes.
     pub volume: Row,
+    /// 1/2λ, 1/Pa; finite also where λ is 0.
+    pub half_inv_lambda: Row,
 }
 
 /// Number of rows for `nodes` nodes and one spare.
@@ -127,7 +144,7 @@ pub(crate) fn node_rows(nodes: usize) -> usize {
 /// Number of rows in which the tets look their nodes up, of which those of [`node_rows`] are in use.
 pub(crate) fn looked_up_rows(nodes: usize, corners: &Corners) -> usize {
     match corners {
-        Corners::Short(_) => SHORT_NODES / 4,
+        Corners::Short(_) => SHORT_PAIRS.div_ceil(LANES / 2),
         Corners::Long(_) => node_rows(nodes),
     }
 }
@@ -290,6 +307,24 @@ mod tests {
         }
         order.resize(order.len().next_multiple_of(LANES), u32::MAX);
         order
+    }
+
+    #[test]
+    fn the_number_of_a_node_leads_to_its_own_row_and_no_number_leads_nowhere() {
+        let mut rows = vec![Row::ZERO; looked_up_rows(7, &Corners::Short(Vec::new()))];
+        let nodes = [0, 1, 2, 4_097, SHORT_NODES as u32 - 1];
+        for node in nodes {
+            assert_eq!(short_node(short_number(node)), node);
+            *ShortNodes::of_mut(&mut rows).node_mut(short_number(node)) = [node as f32, 1.0, 2.0, 3.0];
+        }
+        let written: &[[f32; 4]] = bytemuck::cast_slice(&rows);
+        for node in nodes {
+            assert_eq!(written[node as usize], [node as f32, 1.0, 2.0, 3.0]);
+            assert_eq!(ShortNodes::of(&rows).node(short_number(node)), &written[node as usize]);
+        }
+        assert_eq!(written.iter().filter(|node| **node != [0.0; 4]).count(), nodes.len());
+        // One that no node has.
+        assert_eq!(ShortNodes::of(&rows).node(u16::MAX), &[2.0, 3.0, 0.0, 0.0]);
     }
 
     proptest! {

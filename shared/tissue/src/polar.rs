@@ -5,13 +5,14 @@
 //! above by Newton's iteration, monotonically since all roots are real; its eigenvector is a column of the adjugate of K − λ.
 //!
 //! Promises: the result is a rotation for every finite F, also inverted, flat or zero; it is the polar factor where det F > 0;
-//! it is a function of F alone, so that it needs no memory of the step before; the work is fixed.
+//! it is a function of F alone, so that it needs no memory of the step before; the work is bounded, and what it saves changes no bit.
 
-use crate::lanes::{F, V3};
+use crate::lanes::{F, Lanes, V3};
 use pulp::Simd;
 
-/// Newton's steps on the quartic. Three reach single precision for strains of an ordinary tissue; near a double root (flat and
-/// inverted elements) the error halves per step, and what is left is filtered by the second application of the adjugate.
+/// Most of Newton's steps on the quartic. Three reach single precision for strains of an ordinary tissue; near a double root (flat and
+/// inverted elements) the error halves per step, and what is left is filtered by the second application of the adjugate. Once a step has moved no lane's root,
+/// no later one would.
 const NEWTON_STEPS: usize = 6;
 /// Keeps 1/|F| finite for an element that collapsed into a point.
 const SQUARED_NORM_MIN: f32 = 1e-30;
@@ -28,7 +29,7 @@ pub(crate) struct Rotation<S: Simd> {
 
 /// The rotation of `f` (row by row).
 #[inline(always)]
-pub(crate) fn rotation<S: Simd>(simd: S, f: &[V3<S>; 3]) -> Rotation<S> {
+pub(crate) fn rotation<S: Lanes>(simd: S, f: &[V3<S>; 3]) -> Rotation<S> {
     let mut squared = F::splat(simd, SQUARED_NORM_MIN);
     for row in f {
         for entry in row {
@@ -57,7 +58,31 @@ fn minor<S: Simd>(f: &[V3<S>; 3], a: usize, b: usize, c: usize, d: usize) -> F<S
 
 /// The largest eigenvalue of K for |F| = 1, and det F.
 #[inline(always)]
-fn largest_root<S: Simd>(simd: S, f: &[V3<S>; 3]) -> (F<S>, F<S>) {
+fn largest_root<S: Lanes>(simd: S, f: &[V3<S>; 3]) -> (F<S>, F<S>) {
+    let quartic = quartic(simd, f);
+    // That of a rotation: no other F has a larger one.
+    let mut root = F::splat(simd, 3.0f32.sqrt());
+    for _ in 0..NEWTON_STEPS {
+        let last = root;
+        root = newton(simd, root, &quartic);
+        // A step is never negative.
+        if !last.any_greater(root) {
+            break;
+        }
+    }
+    (root, quartic.determinant)
+}
+
+/// The quartic of which the eigenvalues of K are the roots for |F| = 1: x⁴ − 2x² − `linear`·x + `constant`.
+struct Quartic<S: Simd> {
+    linear: F<S>,
+    constant: F<S>,
+    /// det F.
+    determinant: F<S>,
+}
+
+#[inline(always)]
+fn quartic<S: Simd>(simd: S, f: &[V3<S>; 3]) -> Quartic<S> {
     let first = [minor(f, 1, 2, 1, 2), minor(f, 1, 2, 2, 0), minor(f, 1, 2, 0, 1)];
     let others = [
         minor(f, 2, 0, 1, 2),
@@ -72,18 +97,19 @@ fn largest_root<S: Simd>(simd: S, f: &[V3<S>; 3]) -> (F<S>, F<S>) {
     for entry in others {
         cofactors_squared = entry.fma(entry, cofactors_squared);
     }
+    let constant = F::splat(simd, 4.0).nfma(cofactors_squared, F::splat(simd, 1.0));
+    Quartic { linear: F::splat(simd, 8.0) * determinant, constant, determinant }
+}
+
+/// Newton's next place after one that is no less than the largest root.
+#[inline(always)]
+fn newton<S: Simd>(simd: S, root: F<S>, quartic: &Quartic<S>) -> F<S> {
     let (zero, two, four) = (F::splat(simd, 0.0), F::splat(simd, 2.0), F::splat(simd, 4.0));
-    let constant = four.nfma(cofactors_squared, F::splat(simd, 1.0));
-    let linear = F::splat(simd, 8.0) * determinant;
-    let mut root = F::splat(simd, 3.0f32.sqrt());
-    for _ in 0..NEWTON_STEPS {
-        let square = root * root;
-        let value = ((square - two).fma(root, -linear)).fma(root, constant);
-        let slope = (four * (square - F::splat(simd, 1.0))).fma(root, -linear);
-        let step = value.max(zero) * slope.max(F::splat(simd, SLOPE_MIN)).recip();
-        root = root - step;
-    }
-    (root, determinant)
+    let square = root * root;
+    let value = ((square - two).fma(root, -quartic.linear)).fma(root, quartic.constant);
+    let slope = (four * (square - F::splat(simd, 1.0))).fma(root, -quartic.linear);
+    let step = value.max(zero) * slope.max(F::splat(simd, SLOPE_MIN)).recip();
+    root - step
 }
 
 /// K − λ as its ten entries: 00, 11, 22, 33, 01, 02, 03, 12, 13, 23.
@@ -179,6 +205,7 @@ fn matrix_of<S: Simd>(simd: S, q: &[F<S>; 4]) -> [V3<S>; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layout::{LANES, Row};
     use nalgebra::Matrix3;
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
@@ -232,6 +259,19 @@ mod tests {
         }
     }
 
+    /// Each lane's root: the one that is found, and that after all of Newton's steps.
+    fn roots<S: Lanes>(simd: S, entries: &[Row; 9]) -> [Row; 2] {
+        let mut roots = [Row::ZERO; 2];
+        for half in 0..LANES / S::F32_LANES {
+            let f = [0, 1, 2].map(|i| [0, 1, 2].map(|j| F::load(simd, &entries[3 * i + j], half)));
+            let (found, quartic) = (largest_root(simd, &f).0, quartic(simd, &f));
+            let after_all = (0..NEWTON_STEPS).fold(F::splat(simd, 3.0f32.sqrt()), |root, _| newton(simd, root, &quartic));
+            found.store(&mut roots[0], half);
+            after_all.store(&mut roots[1], half);
+        }
+        roots
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig {
             cases: 2000,
@@ -246,6 +286,29 @@ mod tests {
             // singular values, the smallest one negative in inverted elements. Near 0 the rotation is not unique.
             let gap = 2.0 * (largest_trace(&f) - f.singular_values().max()) / f.norm();
             check(&f, if gap > 0.5 { 1e-5 } else { 1e-2 });
+        }
+
+        /// From lanes that are not strained at all to such as have next to nothing of a rotation, side by side.
+        #[test]
+        fn steps_that_are_left_out_would_have_changed_no_bit(
+            lanes in prop::collection::vec((prop::array::uniform9(-1.0f64..1.0), 0..6i32), LANES),
+            most in prop_oneof![Just(1.0f64), Just(100.0f64)],
+        ) {
+            let mut entries = [Row::ZERO; 9];
+            for (lane, (parts, size)) in lanes.iter().enumerate() {
+                let strain = most * 10f64.powi(-size);
+                let f = (Matrix3::<f64>::identity() + Matrix3::from_row_slice(parts) * strain).normalize();
+                (0..9).for_each(|entry| entries[entry].0[lane] = f[(entry / 3, entry % 3)] as f32);
+            }
+            let mut all = vec![roots(pulp::Scalar::new(), &entries)];
+            #[cfg(target_arch = "x86_64")]
+            {
+                all.extend(pulp::x86::V3::try_new().map(|simd| roots(simd, &entries)));
+                all.extend(pulp::x86::V4::try_new().map(|simd| roots(simd, &entries)));
+            }
+            for [found, after_all] in all {
+                prop_assert_eq!(found.0.map(f32::to_bits), after_all.0.map(f32::to_bits));
+            }
         }
     }
 }

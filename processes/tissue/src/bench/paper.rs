@@ -1,7 +1,7 @@
 //! The three scenes of the framework's paper (Tuchschmid et al. 2006, table 2), each with what it is to reach.
 
 use super::press::{INTERSECTION, Press};
-use super::{RUN_NS, THREADS, US, beside_peer, complete, cuts, speedup, with_many_points};
+use super::{RUN_NS, THREADS, US, beside_peer, complete, cuts, median_ns, speedup, with_many_points};
 use hyst_engine::bench::{quantile_ns, spread, target};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
@@ -24,6 +24,10 @@ static AIMS: [Aim; 3] = [
 const PLACES: [f32; 2] = [0.4, 0.6];
 /// Share of what independent copies reach that the speed-up of the test is to have, with the largest of the scenes.
 const LEAST_SPEEDUP: f64 = 0.9;
+/// A machine of so many cores has room for several threads whatever else runs, and is to make the test so many times as fast with this many.
+const MANY_CORES: usize = 16;
+const SEVERAL: usize = 4;
+const LEAST_OF_SEVERAL: f64 = 3.8;
 
 /// Where the scenes are: under the folder that the benchmark is called in, or beside the target folder of its build.
 fn folder() -> Option<PathBuf> {
@@ -85,9 +89,22 @@ pub fn intersections() -> Result<Vec<Value>, String> {
             let share = of("2") / of("2_independent_copies");
             let name = format!("speed-up of the test on 2 threads over 2 independent copies, {tets} tets");
             targets.push(target(&name, share, LEAST_SPEEDUP, true));
+            targets.extend(on_several(&scene, &mut row)?);
         }
         rows.push(row);
     }
     rows.extend(targets);
     Ok(rows)
+}
+
+/// What several threads bring to the test of a scene, in its row and as a target; nothing on a machine of fewer than [`MANY_CORES`].
+fn on_several(scene: &LoadedScene, row: &mut Value) -> Result<Option<Value>, String> {
+    if std::thread::available_parallelism().map_or(1, usize::from) < MANY_CORES {
+        return Ok(None);
+    }
+    let is_test = |phase: usize| phase == INTERSECTION;
+    let times = median_ns(scene, 1, is_test)? / median_ns(scene, SEVERAL, is_test)?;
+    row["speedup"][SEVERAL.to_string()] = json!(times);
+    let name = format!("speed-up of the test on {SEVERAL} threads of a machine of {MANY_CORES} cores or more");
+    Ok(Some(target(&name, times, LEAST_OF_SEVERAL, true)))
 }

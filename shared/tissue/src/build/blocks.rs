@@ -4,6 +4,9 @@ use super::rest::Rest;
 use crate::layout::{self, Block, Corners, LANES, RestBlock, Row, SHORT_NODES};
 use hyst_mesh::TetMesh;
 
+/// Smallest λ that is divided by, Pa.
+const LAMBDA_MIN_PA: f32 = 1e-20;
+
 /// Rows of (v, v, v, 0) for each node, 0 for the spare ones.
 pub(super) fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> {
     let mut rows = vec![Row::ZERO; layout::node_rows(nodes)];
@@ -18,7 +21,7 @@ pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Corners, Vec<Block>, Ve
     let order = layout::pack(&mesh.tets, mesh.positions_m.len());
     let (orders, _) = order.as_chunks::<LANES>();
     let corners = match mesh.positions_m.len() < SHORT_NODES {
-        true => Corners::Short(corners_of(orders, mesh, |node| node as u16)),
+        true => Corners::Short(corners_of(orders, mesh, layout::short_number)),
         false => Corners::Long(corners_of(orders, mesh, |node| node)),
     };
     let blocks = orders.iter().map(|lanes| block_of(lanes, rest)).collect();
@@ -52,11 +55,12 @@ fn block_of(lanes: &[u32; LANES], rest: &[Rest]) -> Block {
 }
 
 fn rest_block_of(lanes: &[u32; LANES], rest: &[Rest]) -> RestBlock {
-    let mut block = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO };
+    let mut block = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO, half_inv_lambda: Row::ZERO };
     for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
         let data = &rest[tet as usize].lane;
         block.inv_edges.iter_mut().zip(data.inv_edges).for_each(|(row, value)| row.0[lane] = value);
         block.volume.0[lane] = data.volume;
+        block.half_inv_lambda.0[lane] = 0.5 * data.lambda.max(LAMBDA_MIN_PA).recip();
     }
     block
 }

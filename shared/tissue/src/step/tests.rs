@@ -135,7 +135,7 @@ fn nodes_that_16_bits_name_are_those_that_32_bits_name() {
     for isa in sets() {
         let short = model(isa);
         let Corners::Short(corners) = &short.corners else { panic!("a small model") };
-        let wide = |block: &[[u16; LANES]; 4]| block.map(|lanes| lanes.map(u32::from));
+        let wide = |block: &[[u16; LANES]; 4]| block.map(|lanes| lanes.map(layout::short_node));
         let long = Model { corners: Corners::Long(corners.iter().map(wide).collect()), ..short.clone() };
         let [by_short, by_long] = [&short, &long].map(|model| stepped(model, &mut Scratch::new(model), |_| {}));
         assert!(by_short == by_long, "{isa:?}");

@@ -9,6 +9,13 @@ use hyst_messages::stream::ObjectKind;
 
 /// How fast the device opens and closes the jaws, m per tick.
 const CLOSES_M: f32 = 30e-6;
+/// How fast a hand opens them that nobody sees open them, m per tick, and how far jaws tremble.
+const SLOWLY_M: f32 = 7e-6;
+const TREMBLE_M: f32 = 15e-6;
+/// For how many ticks they do: in the last one they are as far apart as before.
+const TREMBLES: u64 = 20;
+/// How much farther apart they are than when they took hold once they have let go, m.
+const LOOSE_M: f32 = 1e-4;
 /// How fast the hand goes back with what it holds, m/s, and for how many ticks.
 const BACK_M_S: f32 = 0.02;
 const BACK: u64 = 250;
@@ -30,15 +37,22 @@ fn at(world: &World, tick: u64, (middle_m, apart_m): (Vec3, f32), (velocity_m_s,
 /// Ticks in which what is loose has sunk to the wall.
 const SINKS: u64 = 700;
 
-/// Jaws that have closed on the middle of an object: the state, where that was, and the next tick.
-fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u64>, Vec3, u64) {
+/// Jaws that wait far off until what is loose has sunk to the wall: the state, and where the middle of an object is then.
+fn sunk_with_jaws(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u64>, Vec3) {
     let mut now = first_state(main);
     let world = Arc::clone(&main.world);
-    let open_m = world.case.tool.jaws().unwrap().opening_m;
     for tick in 1..=SINKS {
         now = fed(main, device, &now, &at(&world, tick, (0.2 * Vec3::NEG_Z, 0.0), (0.0, IN_M)));
     }
     let (_, middle_m) = sunk(main, &now, object);
+    (now, middle_m)
+}
+
+/// Jaws that have closed on the middle of an object: the state, where that was, and the next tick.
+fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u64>, Vec3, u64) {
+    let (mut now, middle_m) = sunk_with_jaws(main, device, object);
+    let world = Arc::clone(&main.world);
+    let open_m = world.case.tool.jaws().unwrap().opening_m;
     let ticks = (open_m / CLOSES_M) as u64 + 2;
     for step in 0..=ticks {
         let apart_m = (open_m - CLOSES_M * step as f32).max(0.0);
@@ -147,4 +161,38 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
         "let go, the tissue still pulls: {:?}",
         core_of(&now).force_n
     );
+}
+
+#[test]
+fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_farther_apart_than_when_they_took_hold() {
+    let (station, pages) = founded("slowly", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    let (world, object) = (Arc::clone(&main.world), piece(&main.world));
+    let (mut now, middle_m) = sunk_with_jaws(&mut main, &pages[1], object);
+    let (mut tick, mut apart_m) = (SINKS, world.case.tool.jaws().unwrap().opening_m + CLOSES_M);
+    while core_of(&now).held == 0 {
+        (tick, apart_m) = (tick + 1, apart_m - CLOSES_M);
+        assert!(apart_m > 0.0, "nothing is between the jaws");
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, apart_m), (0.0, IN_M)));
+    }
+    let (held, hold_m) = (core_of(&now).held, core_of(&now).hold_m);
+    assert_eq!(hold_m, apart_m);
+    for step in 1..=TREMBLES {
+        tick += 1;
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, hold_m - TREMBLE_M * (step % 2) as f32), (0.0, IN_M)));
+        assert_eq!(core_of(&now).held, held, "after {step} ticks");
+    }
+    let mut before = now.clone();
+    while core_of(&now).held > 0 {
+        (tick, apart_m) = (tick + 1, apart_m + SLOWLY_M);
+        assert!(apart_m < hold_m + LOOSE_M + 2.0 * SLOWLY_M, "jaws that have opened by {} m hold on", apart_m - hold_m);
+        before = now;
+        now = fed(&mut main, &pages[1], &before, &at(&world, tick, (middle_m, apart_m), (0.0, IN_M)));
+    }
+    assert!(apart_m > hold_m + 0.9 * LOOSE_M, "they are {apart_m} m apart and were {hold_m}, and have let go");
+    assert_eq!(core_of(&now).hold_m, 0.0, "they are solid again");
+    succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+    drop((main, successor));
 }
