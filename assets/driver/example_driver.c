@@ -7,6 +7,7 @@
  *     hystation run --driver ./example_driver
  *
  * -DCALLBACK=1 makes one whose loop runs in a thread beside `main`, as with a library that has a servo loop of its own and calls the driver back.
+ * -DRATE_HZ=2000 makes one of twice as many samples: the motors still hear the station a thousand times a second.
  * -DPLUG='"FILE"' makes one whose device is plugged in for as long as there is that file.
  * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
  */
@@ -20,6 +21,9 @@
 #define PLUG "/"
 #endif
 
+#ifndef RATE_HZ
+#define RATE_HZ 1000
+#endif
 #ifndef FLAW
 #define FLAW 0
 #endif
@@ -38,7 +42,8 @@ enum {
 };
 
 static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity, where the device's own origin is */
-static const float PERIOD_S = 0.001f;
+static const float PERIOD_S = 1.0f / RATE_HZ;
+static const uint64_t PERIOD_NS = 1000000000u / RATE_HZ;
 
 /* The hand and the tip that it holds, in the device's own axes: x towards whoever sits before it, y to their right, z up. */
 typedef struct {
@@ -141,7 +146,7 @@ static void *servo_loop(void *data) {
     servo *own = data;
     be_real_time(own->driver); /* in this thread, for it is about the one that calls it */
     while (!atomic_load(&own->is_stopped)) {
-        hyst_wait(own->driver, 1000000u);
+        hyst_wait(own->driver, PERIOD_NS);
         turn(own->driver, &own->it);
     }
     return NULL;
@@ -168,7 +173,7 @@ int main(int argc, char **argv) {
         .version = HYST_STATEMENT_VERSION,
         .measured_dof = 3,
         .driven_dof = 3,
-        .rate_hz = 1.0f / PERIOD_S,
+        .rate_hz = RATE_HZ,
         .max_force_n = FLAW == STATES_NO_NUMBER ? NAN : FORCE_N,
         .max_stiffness_n_m = 800.0f,
         .max_damping_n_s_m = 1.0f,
@@ -185,7 +190,7 @@ int main(int argc, char **argv) {
     be_real_time(&driver);
     while (hyst_goes_on(&driver) || FLAW == GOES_ON) {
         if (!is_plugged_in()) return pulled_out(&driver);
-        hyst_wait(&driver, FLAW == IS_SLOW ? 2000000u : 1000000u);
+        hyst_wait(&driver, FLAW == IS_SLOW ? 2 * PERIOD_NS : PERIOD_NS);
         turn(&driver, &own.it);
     }
     return hyst_end(&driver);

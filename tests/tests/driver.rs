@@ -199,9 +199,11 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (15, "moves the way it is pushed: pushed along "),
         (16, "says how fast it goes: along "),
     ];
-    // With a library that has a servo loop of its own the driver's loop runs in a thread beside `main`.
-    let in_a_callback = compile(&folder, "driver-callback", &Path::new(FOLDER).join("example_driver.c"), &["-DCALLBACK=1"]);
-    let good = [binaries().join("hardware"), example(&folder, 0), in_a_callback];
+    // With a library that has a servo loop of its own the driver's loop runs in a thread beside `main`; and a device may be faster than the servos.
+    let source = Path::new(FOLDER).join("example_driver.c");
+    let [in_a_callback, fast] = [("callback", "-DCALLBACK=1"), ("fast", "-DRATE_HZ=2000")]
+        .map(|(name, flag)| compile(&folder, &format!("driver-{name}"), &source, &[flag]));
+    let good = [binaries().join("hardware"), example(&folder, 0), in_a_callback, fast];
     for driver in &good {
         match tried(driver) {
             (Some(3), ..) => not_shown(&format!("whether {} conforms: the machine was too busy", driver.display())),

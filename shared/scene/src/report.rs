@@ -14,6 +14,11 @@ use serde::Serialize;
 use std::fmt::{self, Write as _};
 use std::path::Path;
 
+/// Seeds of a case that are tried beside its own, from 1 on: a class is given one of them.
+const SEEDS: u32 = 12;
+/// Most tets of a case whose seeds are tried: each draws and loads all of them.
+const MOST_TETS: usize = 10_000;
+
 /// What was found in a scene or a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckReport {
@@ -131,12 +136,23 @@ fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError>
     match settled {
         Some(settled) => {
             report.notes.extend(settled.brief.doubts());
+            let is_small = report.objects.iter().map(|object| object.tets).sum::<usize>() <= MOST_TETS;
+            report.notes.extend(path.filter(|_| is_small).and_then(refused_seeds));
             report.case = Some(settled.brief);
             fill(report, settled.scene);
         }
         None => fill(report, load_or_embedded(path)?),
     }
     Ok(())
+}
+
+/// With which seeds a case would be refused, and why with the first of them: what is drawn with another seed than its own may be out of reach, or too small.
+fn refused_seeds(path: &Path) -> Option<String> {
+    let refused = |seed: u32| Some((seed, case::find_case(path, Some(seed)).err()?));
+    let refused: Vec<(u32, SceneError)> = (1..=SEEDS).filter_map(refused).collect();
+    let (first, error) = refused.first()?;
+    let seeds: Vec<String> = refused.iter().map(|(seed, _)| seed.to_string()).collect();
+    Some(format!("of the seeds 1 to {SEEDS} it is refused with {}; with {first}: {error}", seeds.join(", ")))
 }
 
 fn fill(report: &mut CheckReport, loaded: LoadedScene) {

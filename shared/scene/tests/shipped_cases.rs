@@ -252,3 +252,32 @@ fn a_scripted_hand_cuts_the_polyp_of_most_seeds() {
     assert!(with_room >= 8, "{with_room} of 12");
     assert!(cuts(&1), "the shipped seed");
 }
+
+/// A teacher tries the case's own seed, and the class is given another one.
+#[test]
+fn a_check_names_the_seeds_with_which_a_case_would_be_refused() {
+    let own = folder().join("polyp.toml");
+    let told = |path: &Path| {
+        let report = hyst_scene::check(Some(path));
+        assert!(report.runnable, "{report}");
+        report.notes.into_iter().find(|note| note.contains("it is refused with"))
+    };
+    assert_eq!(told(&own), None);
+    // As large a chip as the whole polyp of the own seed: every seed that draws a smaller one cannot give it.
+    let asked_ml = (0.999e6 * settled("polyp", None).brief.pathology_ml).floor() / 1e6;
+    let scene = folder().join("../scenes/default.toml").display().to_string();
+    let text = std::fs::read_to_string(&own).unwrap().replace("../scenes/default.toml", &scene);
+    let (from, to) = ("at_least_ml = 0.005", format!("at_least_ml = {asked_ml}"));
+    assert!(text.contains(from));
+    let path = std::env::temp_dir().join(format!("hyst-{}-seeds.toml", std::process::id()));
+    std::fs::write(&path, text.replace(from, &to)).unwrap();
+    let note = told(&path);
+    std::fs::remove_file(&path).unwrap();
+    let note = note.expect("some seeds draw a smaller polyp");
+    let (_, seeds) = note.split_once("it is refused with ").unwrap();
+    let (seeds, why) = seeds.split_once("; ").unwrap();
+    let seeds: Vec<u32> = seeds.split(", ").map(|seed| seed.parse().unwrap()).collect();
+    let smaller: Vec<u32> = (1..=12).filter(|seed| settled("polyp", Some(*seed)).brief.pathology_ml < asked_ml).collect();
+    assert_eq!(seeds, smaller);
+    assert!(!seeds.contains(&1) && why.contains("goal[1].biopsy.at_least_ml"), "{note}");
+}

@@ -27,6 +27,9 @@ struct Hand {
 impl Hand {
     /// What is to be said after a look at the hardware that lives.
     fn look(&mut self, words: &str) -> Option<String> {
+        // What is no text nobody said.
+        let words =
+            if words.chars().any(|letter| letter.is_control() || letter == char::REPLACEMENT_CHARACTER) { "" } else { words };
         let complained = std::mem::replace(&mut self.complains, !words.is_empty());
         match (complained, self.complains) {
             (false, true) => Some(words.to_owned()),
@@ -95,6 +98,7 @@ mod tests {
         let again = Some("the hand has its device again".to_owned());
         let gone = Some("it is gone".to_owned());
         assert_eq!(said, [None, gone.clone(), None, again, None, gone]);
+        assert_eq!(["\u{1}", "\u{fffd}x", ""].map(|words| Hand::default().look(words)), [None, None, None], "flipped bits");
     }
 
     #[test]

@@ -19,7 +19,7 @@ impl fmt::Display for Brief {
 }
 
 impl Brief {
-    /// What its scores ask for that its session lets nobody have, or leaves to everybody, one sentence each.
+    /// What its scores ask for that its session lets nobody have, or leaves to everybody, and a session that may never end, one sentence each.
     pub fn doubts(&self) -> Vec<String> {
         let weighed = |key: &str| self.score.get(key).filter(|score| score.weight != Some(0.0));
         let scale = |key: &str| weighed(key).and_then(|score| score.full.zip(score.none));
@@ -41,6 +41,10 @@ impl Brief {
         }
         if weighed("landmarks").is_some() && !self.goals.iter().any(|goal| matches!(goal.is, Aim::Look { .. })) {
             doubts.push("score.landmarks has no value: no goal has landmarks looked at".to_owned());
+        }
+        let waits = |asked: &Asked| matches!(asked.is, Aim::Stop { .. } | Aim::Staunch { .. });
+        if self.goals.iter().all(waits) && self.end.time_s.is_none() {
+            doubts.push("every goal waits for what may never come, and no time ends the session: give [end] a time_s".to_owned());
         }
         doubts
     }
@@ -126,6 +130,17 @@ mod tests {
         }
         let unseen = with("landmarks", Score { weight: Some(2.0), ..Score::default() });
         assert!(unseen.len() == 1 && unseen[0].contains("no goal has landmarks looked at"), "{unseen:?}");
+    }
+
+    /// Who makes no mistake has nothing to reach.
+    #[test]
+    fn a_session_of_goals_that_wait_for_a_mishap_needs_a_time() {
+        let mut waits = brief("fluid-overload");
+        waits.goals.truncate(1);
+        assert_eq!(waits.doubts(), Vec::<String>::new(), "its time ends it");
+        waits.end.time_s = None;
+        let doubts = waits.doubts();
+        assert!(doubts.len() == 1 && doubts[0].contains("give [end] a time_s"), "{doubts:?}");
     }
 
     #[test]
