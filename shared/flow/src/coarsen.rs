@@ -22,6 +22,7 @@ impl Solver {
         };
         let fluid = if l == 1 { Some(self.fluid.read()?) } else { None };
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
+        let mut sum = [0.0f32; MAX_AXIS];
         for (axis, face) in faces.iter().enumerate() {
             let below = match &fine.faces {
                 Some(faces) => Some(faces[axis].read()?),
@@ -34,7 +35,6 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        let mut sum = [0.0f32; MAX_AXIS];
                         for j in 0..cl.n[1] {
                             let sum = &mut sum[..fl.n[0]];
                             sum.fill(0.0);

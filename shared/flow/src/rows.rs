@@ -32,6 +32,12 @@ pub(crate) fn are_fluid(cells: &[f32]) -> bool {
     cells.iter().fold(u32::MAX, |all, cell| all & cell.to_bits()) == 1.0f32.to_bits()
 }
 
+/// Whether two rows have the same bits, looked at several cells at a time: a comparison of numbers goes cell by cell.
+#[inline(always)]
+pub(crate) fn are_same(a: &[f32], b: &[f32]) -> bool {
+    a.iter().zip(b).fold(0, |all, (a, b)| all | (a.to_bits() ^ b.to_bits())) == 0
+}
+
 /// The velocity of faces of which each is between two cells: the mean of those that are solid (not 0), of which the others' is 0.
 #[inline(always)]
 pub(crate) fn wall(out: &mut [f32], solid: [&[u8]; 2], velocity: [&[f32]; 2]) {
@@ -185,14 +191,6 @@ pub(crate) fn add_product(x: &mut [f32], y: &[f32], z: &[f32], a: f32) {
     }
 }
 
-/// x = y + a·x
-#[inline(always)]
-pub(crate) fn scale_and_add(x: &mut [f32], y: &[f32], a: f32) {
-    for (x, y) in x.iter_mut().zip(y) {
-        *x = y + a * *x;
-    }
-}
-
 /// row −= per_m·(phi − back); what exceeds `limit` becomes 0 and is counted, what is below `rest` becomes 0.
 #[inline(always)]
 pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, limit: f32, rest: f32) -> u32 {
@@ -208,14 +206,51 @@ pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, li
     wild
 }
 
-/// out = A·x on the finest level; 0 where the diagonal is 0.
+/// A·x of cell `i` on the finest level; 0 where the diagonal is 0.
+#[inline(always)]
+fn fine_image(diagonal: &[f32], star: &Star<'_>, weights: [f32; 3], i: usize) -> f32 {
+    let value = diagonal[i] * star.c[i] - star.around(i, weights);
+    if diagonal[i] > 0.0 { value } else { 0.0 }
+}
+
+/// out = A·x on the finest level.
 #[inline(always)]
 pub(crate) fn fine_operator(out: &mut [f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
     let n = out.len();
     let (diagonal, star) = (&diagonal[..n], star.cut(n));
     for i in 0..n {
-        let value = diagonal[i] * star.c[i] - star.around(i, weights);
-        out[i] = if diagonal[i] > 0.0 { value } else { 0.0 };
+        out[i] = fine_image(diagonal, &star, weights, i);
+    }
+}
+
+/// sum += r − A·x on the finest level: [`fine_operator`] and [`add_residual`] at once.
+#[inline(always)]
+pub(crate) fn fine_residual(sum: &mut [f32], r: &[f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
+    let n = sum.len();
+    let (r, diagonal, star) = (&r[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        sum[i] += r[i] - fine_image(diagonal, &star, weights, i);
+    }
+}
+
+/// out = y + v·(r − A·y) on the finest level, with the star of y: [`fine_operator`] and [`smooth`] at once.
+#[inline(always)]
+pub(crate) fn fine_smooth(out: &mut [f32], [v, r]: [&[f32]; 2], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
+    let n = out.len();
+    let (v, r, diagonal, star) = (&v[..n], &r[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        out[i] = star.c[i] + v[i] * (r[i] - fine_image(diagonal, &star, weights, i));
+    }
+}
+
+/// d = z + beta·d and q = A·z + beta·q on the finest level, with the star of z.
+#[inline(always)]
+pub(crate) fn fine_direction(d: &mut [f32], q: &mut [f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3], beta: f32) {
+    let n = d.len();
+    let (q, diagonal, star) = (&mut q[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        q[i] = fine_image(diagonal, &star, weights, i) + beta * q[i];
+        d[i] = star.c[i] + beta * d[i];
     }
 }
 
@@ -254,14 +289,14 @@ pub(crate) fn add_residual(sum: &mut [f32], r: &[f32], az: &[f32]) {
     }
 }
 
-/// out = v·r + w where the diagonal is not 0, else 0.
+/// out = v·r + w where the damped inverse v is not 0, which it is where the diagonal is not, else 0.
 #[inline(always)]
-pub(crate) fn correct(out: &mut [f32], r: &[f32], v: &[f32], w: &[f32], diagonal: &[f32]) {
+pub(crate) fn correct(out: &mut [f32], r: &[f32], v: &[f32], w: &[f32]) {
     let n = out.len();
-    let (r, v, w, diagonal) = (&r[..n], &v[..n], &w[..n], &diagonal[..n]);
+    let (r, v, w) = (&r[..n], &v[..n], &w[..n]);
     for i in 0..n {
         let corrected = v[i] * r[i] + w[i];
-        out[i] = if diagonal[i] > 0.0 { corrected } else { 0.0 };
+        out[i] = if v[i] > 0.0 { corrected } else { 0.0 };
     }
 }
 
@@ -282,5 +317,71 @@ pub(crate) fn shift_mean(out: &mut [f32], four: [&[f32]; 4], c: f32) {
     for i in 0..n {
         let mean = 0.25 * c * ((p[i] + q[i]) + (r[i] + s[i]));
         out[i] = smaller(larger(mean, -1.0), 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers from −1 to 1.
+    fn numbers(seed: u64, count: usize) -> Vec<f32> {
+        let mut x = seed;
+        let mut number = || {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (x >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+        };
+        (0..count).map(|_| number()).collect()
+    }
+
+    fn bits(row: &[f32]) -> Vec<u32> {
+        row.iter().map(|x| x.to_bits()).collect()
+    }
+
+    #[test]
+    fn what_is_done_at_once_has_the_bits_of_one_after_the_other() {
+        let (stride, weights, beta) = (37, [1.1, 0.7, 0.3], 0.6);
+        for n in [1, 8, 35, 200] {
+            let planes = [1, 2, 3].map(|seed| numbers(seed, n + 2 * stride + 2));
+            let star = Star::new(planes.each_ref().map(|plane| plane.as_slice()), stride + 1, stride, n);
+            // Some half of the cells are solid.
+            let diagonal: Vec<f32> = numbers(4, n).iter().map(|x| larger(*x, 0.0)).collect();
+            let v: Vec<f32> = diagonal.iter().map(|d| if *d > 0.0 { 0.9 / d } else { 0.0 }).collect();
+            let (r, before) = (numbers(5, n), numbers(6, n));
+            let image: Vec<f32> =
+                (0..n).map(|i| if diagonal[i] > 0.0 { diagonal[i] * star.c[i] - star.around(i, weights) } else { 0.0 }).collect();
+
+            let mut out = before.clone();
+            fine_operator(&mut out, &diagonal, &star, weights);
+            assert_eq!(bits(&out), bits(&image), "{n}");
+            let (mut sum, mut apart) = (before.clone(), before.clone());
+            fine_residual(&mut sum, &r, &diagonal, &star, weights);
+            add_residual(&mut apart, &r, &image);
+            assert_eq!(bits(&sum), bits(&apart), "{n}");
+            fine_smooth(&mut out, [&v[..], &r[..]], &diagonal, &star, weights);
+            smooth(&mut apart, star.c, &v, &r, &image);
+            assert_eq!(bits(&out), bits(&apart), "{n}");
+            let (mut d, mut q) = (before.clone(), r.clone());
+            fine_direction(&mut d, &mut q, &diagonal, &star, weights, beta);
+            let next: [Vec<f32>; 2] =
+                [(0..n).map(|i| star.c[i] + beta * before[i]).collect(), (0..n).map(|i| image[i] + beta * r[i]).collect()];
+            assert_eq!([bits(&d), bits(&q)], next.map(|row| bits(&row)), "{n}");
+            correct(&mut out, &r, &v, &before);
+            let fluid: Vec<f32> = (0..n).map(|i| if diagonal[i] > 0.0 { v[i] * r[i] + before[i] } else { 0.0 }).collect();
+            assert_eq!(bits(&out), bits(&fluid), "{n}");
+        }
+    }
+
+    #[test]
+    fn rows_are_the_same_if_no_cell_differs() {
+        for n in [0, 1, 7, 16, 33] {
+            let row = numbers(1, n);
+            assert!(are_same(&row, &row.clone()), "{n}");
+            for at in 0..n {
+                let mut other = row.clone();
+                other[at] += 1.0;
+                assert!(!are_same(&row, &other), "{n} {at}");
+            }
+        }
     }
 }
