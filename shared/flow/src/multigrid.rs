@@ -177,11 +177,7 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let star = Star::new(fluid.three(kk), o, layout.stride, n);
-                        let (d, v) = (&mut d[o..o + n], &mut v[o..o + n]);
-                        for i in 0..n {
-                            d[i] = star.c[i] * star.around(i, self.weights);
-                            v[i] = if d[i] > 0.0 { DAMPING / d[i] } else { 0.0 };
-                        }
+                        rows::fine_diagonal(&mut d[o..o + n], &mut v[o..o + n], &star, self.weights, DAMPING);
                     }
                 },
             );
@@ -319,7 +315,11 @@ pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
         out.copy_from_slice(row);
         return;
     }
-    for (o, pair) in out.iter_mut().zip(row.chunks(2)) {
-        *o = pair.iter().sum();
+    let (pairs, single) = row.as_chunks::<2>();
+    for (o, [a, b]) in out.iter_mut().zip(pairs) {
+        *o = a + b;
+    }
+    if let ([a], Some(o)) = (single, out.get_mut(pairs.len())) {
+        *o = *a;
     }
 }

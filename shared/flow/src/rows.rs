@@ -6,6 +6,9 @@
 use crate::inputs::MAX_SPEED_M_S;
 use crate::kernels::{Star, larger, smaller};
 
+#[cfg(test)]
+mod tests;
+
 /// out = keep·c + Σ weights·neighbours + push
 #[inline(always)]
 pub(crate) fn diffuse(out: &mut [f32], star: &Star<'_>, keep: f32, weights: [f32; 3], push: f32) {
@@ -206,6 +209,32 @@ pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, li
     wild
 }
 
+/// d = m·Σ weights·neighbours, the diagonal of the finest level from the star of its cells m; v = damping/d where d is not 0, else 0.
+#[inline(always)]
+pub(crate) fn fine_diagonal(d: &mut [f32], v: &mut [f32], star: &Star<'_>, weights: [f32; 3], damping: f32) {
+    let n = d.len();
+    let (v, star) = (&mut v[..n], star.cut(n));
+    for i in 0..n {
+        let diagonal = star.c[i] * star.around(i, weights);
+        d[i] = diagonal;
+        v[i] = if diagonal > 0.0 { damping / diagonal } else { 0.0 };
+    }
+}
+
+/// d = Σ coefficients, the diagonal of a coarse level from its low and high faces along x, y, z; v as in [`fine_diagonal`].
+#[inline(always)]
+pub(crate) fn coarse_diagonal(d: &mut [f32], v: &mut [f32], faces: [&[f32]; 6], damping: f32) {
+    let n = d.len();
+    let v = &mut v[..n];
+    let [x0, x1, y0, y1, z0, z1] = faces;
+    let (x0, x1, y0, y1, z0, z1) = (&x0[..n], &x1[..n], &y0[..n], &y1[..n], &z0[..n], &z1[..n]);
+    for i in 0..n {
+        let diagonal = x0[i] + x1[i] + y0[i] + y1[i] + z0[i] + z1[i];
+        d[i] = diagonal;
+        v[i] = if diagonal > 0.0 { damping / diagonal } else { 0.0 };
+    }
+}
+
 /// A·x of cell `i` on the finest level; 0 where the diagonal is 0.
 #[inline(always)]
 fn fine_image(diagonal: &[f32], star: &Star<'_>, weights: [f32; 3], i: usize) -> f32 {
@@ -317,71 +346,5 @@ pub(crate) fn shift_mean(out: &mut [f32], four: [&[f32]; 4], c: f32) {
     for i in 0..n {
         let mean = 0.25 * c * ((p[i] + q[i]) + (r[i] + s[i]));
         out[i] = smaller(larger(mean, -1.0), 1.0);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Numbers from −1 to 1.
-    fn numbers(seed: u64, count: usize) -> Vec<f32> {
-        let mut x = seed;
-        let mut number = || {
-            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (x >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-        };
-        (0..count).map(|_| number()).collect()
-    }
-
-    fn bits(row: &[f32]) -> Vec<u32> {
-        row.iter().map(|x| x.to_bits()).collect()
-    }
-
-    #[test]
-    fn what_is_done_at_once_has_the_bits_of_one_after_the_other() {
-        let (stride, weights, beta) = (37, [1.1, 0.7, 0.3], 0.6);
-        for n in [1, 8, 35, 200] {
-            let planes = [1, 2, 3].map(|seed| numbers(seed, n + 2 * stride + 2));
-            let star = Star::new(planes.each_ref().map(|plane| plane.as_slice()), stride + 1, stride, n);
-            // Some half of the cells are solid.
-            let diagonal: Vec<f32> = numbers(4, n).iter().map(|x| larger(*x, 0.0)).collect();
-            let v: Vec<f32> = diagonal.iter().map(|d| if *d > 0.0 { 0.9 / d } else { 0.0 }).collect();
-            let (r, before) = (numbers(5, n), numbers(6, n));
-            let image: Vec<f32> =
-                (0..n).map(|i| if diagonal[i] > 0.0 { diagonal[i] * star.c[i] - star.around(i, weights) } else { 0.0 }).collect();
-
-            let mut out = before.clone();
-            fine_operator(&mut out, &diagonal, &star, weights);
-            assert_eq!(bits(&out), bits(&image), "{n}");
-            let (mut sum, mut apart) = (before.clone(), before.clone());
-            fine_residual(&mut sum, &r, &diagonal, &star, weights);
-            add_residual(&mut apart, &r, &image);
-            assert_eq!(bits(&sum), bits(&apart), "{n}");
-            fine_smooth(&mut out, [&v[..], &r[..]], &diagonal, &star, weights);
-            smooth(&mut apart, star.c, &v, &r, &image);
-            assert_eq!(bits(&out), bits(&apart), "{n}");
-            let (mut d, mut q) = (before.clone(), r.clone());
-            fine_direction(&mut d, &mut q, &diagonal, &star, weights, beta);
-            let next: [Vec<f32>; 2] =
-                [(0..n).map(|i| star.c[i] + beta * before[i]).collect(), (0..n).map(|i| image[i] + beta * r[i]).collect()];
-            assert_eq!([bits(&d), bits(&q)], next.map(|row| bits(&row)), "{n}");
-            correct(&mut out, &r, &v, &before);
-            let fluid: Vec<f32> = (0..n).map(|i| if diagonal[i] > 0.0 { v[i] * r[i] + before[i] } else { 0.0 }).collect();
-            assert_eq!(bits(&out), bits(&fluid), "{n}");
-        }
-    }
-
-    #[test]
-    fn rows_are_the_same_if_no_cell_differs() {
-        for n in [0, 1, 7, 16, 33] {
-            let row = numbers(1, n);
-            assert!(are_same(&row, &row.clone()), "{n}");
-            for at in 0..n {
-                let mut other = row.clone();
-                other[at] += 1.0;
-                assert!(!are_same(&row, &other), "{n} {at}");
-            }
-        }
     }
 }
