@@ -31,8 +31,8 @@ const CALM_TICKS: u64 = 1_000;
 /// A warning of the pressure stands until that is so far on the right side of its limit again, Pa (3 mmHg): farther than the roller's beat in it goes from its
 /// lowest to its highest (twice 1.3 mmHg), however slowly the pump turns, so that a pressure that stays at its limit is warned of once.
 const CLEAR_PA: f64 = 400.0;
-/// A warning of the deficit stands until that is so far below its limit again, ml: what the cavity holds goes missing when it is filled and comes back when it is
-/// emptied. 11.4 is the largest volume that was measured at 150 mmHg; of a small limit it is the half, as of the pump's alarm.
+/// A warning of the deficit stands until that is so far below its limit again, ml: what the cavity holds goes missing when it is filled and comes back when it
+/// is emptied. 11.4 is the largest volume that was measured at 150 mmHg; of a small limit it is the half, as of the pump's alarm.
 const CLEAR_ML: f64 = 11.4;
 /// Most warnings that are told one by one.
 const MOST_TOLD: usize = 200;

@@ -62,8 +62,8 @@ impl Solver {
     }
 }
 
-/// out = c and what comes through the faces of each cell, whose low and high velocities along x, y, z are `faces`; c and the cells m as stars. The written row is
-/// an argument, so that the compiler knows that it overlaps none of the twenty that are read, and keeps the loop in vectors (as in [`crate::rows`]).
+/// out = c and what comes through the faces of each cell, whose low and high velocities along x, y, z are `faces`; c and the cells m as stars. The written row
+/// is an argument, so that the compiler knows that it overlaps none of the twenty that are read, and keeps the loop in vectors (as in [`crate::rows`]).
 #[inline(always)]
 fn carry(out: &mut [f32], c: &Star<'_>, m: &Star<'_>, faces: [&[f32]; 6], per_cell: [f32; 3]) {
     let n = out.len();
