@@ -31,6 +31,9 @@ const CALM_TICKS: u64 = 1_000;
 /// A warning of the pressure stands until that is so far on the right side of its limit again, Pa (3 mmHg): farther than the roller's beat in it goes from its
 /// lowest to its highest (twice 1.3 mmHg), however slowly the pump turns, so that a pressure that stays at its limit is warned of once.
 const CLEAR_PA: f64 = 400.0;
+/// A warning of the deficit stands until that is so far below its limit again, ml: what the cavity holds goes missing when it is filled and comes back when it
+/// is emptied. 11.4 is the largest volume that was measured at 150 mmHg; of a small limit it is the half, as of the pump's alarm.
+const CLEAR_ML: f64 = 11.4;
 /// Most warnings that are told one by one.
 const MOST_TOLD: usize = 200;
 /// Most goals, and most warnings, of a case that can be judged: a case file has fewer.
@@ -218,11 +221,13 @@ impl Judge {
     /// Whether a cause is there; of one that is warned of already, whether it is there still.
     fn holds(&self, cause: &Cause, is_warned_of: bool, record: &AppliedRecord) -> bool {
         let (known, controls) = (self.known(record.tick), &record.sample.controls);
-        let clear_pa = if is_warned_of { CLEAR_PA } else { 0.0 };
+        let clear = |by: f64| if is_warned_of { by } else { 0.0 };
         match *cause {
-            Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa - clear_pa),
-            Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa + clear_pa),
-            Cause::DeficitAbove(limit_ml) => known.deficit_ml.is_some_and(|ml| ml > limit_ml),
+            Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa - clear(CLEAR_PA)),
+            Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa + clear(CLEAR_PA)),
+            Cause::DeficitAbove(limit_ml) => {
+                known.deficit_ml.is_some_and(|ml| ml > limit_ml - clear(CLEAR_ML.min(0.5 * limit_ml)))
+            }
             Cause::BledAbove(limit_ml) => known.bled_ml.is_some_and(|ml| ml > limit_ml),
             Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
             Cause::TimeAbove(ticks) => self.elapsed_ticks(record.tick) > ticks,

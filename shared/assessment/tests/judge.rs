@@ -345,6 +345,29 @@ fn a_notice_and_that_time_has_passed_are_told_and_count_in_no_score() {
     assert!(judge.strip().iter().any(|line| line == "NOTICE   number 0"), "{:?}", judge.strip());
 }
 
+/// The band is 11.4 ml, or half of the limit.
+#[test]
+fn a_cavity_that_is_emptied_and_filled_again_passes_the_limit_of_the_deficit_once() {
+    let mut judge = judge(json!([{ "removed": 1.0 }]), json!({}), json!([{ "deficit_above": 100.0 }, { "deficit_above": 10.0 }]));
+    let mut tick = 100;
+    let mut after = |deficits_ml: [f64; 2]| {
+        for deficit_ml in deficits_ml {
+            for _ in 0..4 {
+                judge.fluid(&fluid(tick, 60.0, deficit_ml));
+                wait(&mut judge, tick..tick + 500);
+                tick += 500;
+            }
+        }
+        judge.warnings.iter().map(|warning| (warning.count, warning.stands)).collect::<Vec<_>>()
+    };
+    assert_eq!(after([99.9, 100.0]), [(0, false), (1, true)], "a warning begins beyond its limit");
+    assert_eq!(after([100.1, 89.0]), [(1, true), (1, true)]);
+    assert_eq!(after([101.0, 88.5]), [(1, false), (1, true)]);
+    assert_eq!(after([99.0, 101.0]), [(2, true), (1, true)]);
+    assert_eq!(after([5.1, 4.9]), [(2, false), (1, false)], "5 ml below 10");
+    assert_eq!(after([9.9, 10.1]), [(2, false), (2, true)]);
+}
+
 #[test]
 fn a_successor_goes_on_from_what_was_written_down() {
     let goals = json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 500 } }, { "removed": 1.0 }]);

@@ -22,6 +22,7 @@ impl Solver {
         };
         let fluid = if l == 1 { Some(self.fluid.read()?) } else { None };
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
+        let mut sum = [0.0f32; MAX_AXIS];
         for (axis, face) in faces.iter().enumerate() {
             let below = match &fine.faces {
                 Some(faces) => Some(faces[axis].read()?),
@@ -34,7 +35,6 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        let mut sum = [0.0f32; MAX_AXIS];
                         for j in 0..cl.n[1] {
                             let sum = &mut sum[..fl.n[0]];
                             sum.fill(0.0);
@@ -77,12 +77,16 @@ impl Solver {
         for kk in layout.own(band) {
             let (d, v) = (diagonal.layer(kk), inverse.layer(kk));
             let (x, y, z, above) = (fx.layer(kk), fy.layer(kk), fz.layer(kk), fz.layer(kk + 1));
-            for j in 0..layout.n[1] {
-                for at in layout.row(j)..layout.row(j) + layout.n[0] {
-                    d[at] = x[at] + x[at + 1] + y[at] + y[at + layout.stride] + z[at] + above[at];
-                    v[at] = if d[at] > 0.0 { DAMPING / d[at] } else { 0.0 };
-                }
-            }
+            wide(
+                #[inline(always)]
+                || {
+                    for j in 0..layout.n[1] {
+                        let (o, n) = (layout.row(j), layout.n[0]);
+                        let faces = [&x[o..], &x[o + 1..], &y[o..], &y[o + layout.stride..], &z[o..], &above[o..]];
+                        rows::coarse_diagonal(&mut d[o..o + n], &mut v[o..o + n], faces, DAMPING);
+                    }
+                },
+            );
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 
 use crate::error::FlowError;
 use crate::field::Field;
+use crate::kernels::wide;
 use crate::solver::Solver;
 use crate::transport::hold_solid;
 
@@ -28,12 +29,17 @@ impl Solver {
             let mut velocity = self.velocity[now][component].write(band)?;
             for kk in layout.own(band) {
                 let plane = velocity.layer(kk);
-                // As in phase Mirror: where all is fluid nothing is held.
-                for j in (0..layout.n[1]).filter(|j| !spans.is_free_row(component, kk, *j)) {
-                    let cells = if only_near { spans.near_row(kk, j) } else { 0..layout.n[0] };
-                    let (o, n) = (layout.row(j) + cells.start, cells.len());
-                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[o..o + n]);
-                }
+                wide(
+                    #[inline(always)]
+                    || {
+                        // As in phase Mirror: where all is fluid nothing is held.
+                        for j in (0..layout.n[1]).filter(|j| !spans.is_free_row(component, kk, *j)) {
+                            let cells = if only_near { spans.near_row(kk, j) } else { 0..layout.n[0] };
+                            let (o, n) = (layout.row(j) + cells.start, cells.len());
+                            hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[o..o + n]);
+                        }
+                    },
+                );
                 self.mirrors.plane(layout, component, plane);
             }
             self.mirrors.layers(layout, component, band, &mut velocity);

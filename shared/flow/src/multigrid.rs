@@ -127,19 +127,35 @@ impl<'a> Operator<'a> {
     fn diagonal(&self, kk: usize, o: usize, n: usize) -> &[f32] {
         &self.diagonal.layer(kk)[o..o + n]
     }
-    /// A·x of the row at `o`, into `out`; 0 in solid cells.
+    /// The low and high coefficients along x, y, z of the row at `o`; of a coarse level alone.
     #[inline(always)]
-    fn apply(&self, x: [&[f32]; 3], kk: usize, o: usize, out: &mut [f32]) {
-        let n = out.len();
-        let s = self.layout.stride;
-        let star = Star::new(x, o, s, n);
-        let diagonal = self.diagonal(kk, o, n);
-        if let Some([fx, fy, fz]) = &self.faces {
-            let (xl, yl, zl, zh) = (fx.layer(kk), fy.layer(kk), fz.layer(kk), fz.layer(kk + 1));
-            let faces = [&xl[o..], &xl[o + 1..], &yl[o..], &yl[o + s..], &zl[o..], &zh[o..]];
-            rows::coarse_operator(out, diagonal, &star, faces);
+    fn faces_at(&self, kk: usize, o: usize) -> Option<[&[f32]; 6]> {
+        let [fx, fy, fz] = self.faces.as_ref()?;
+        let (xl, yl, zl, zh) = (fx.layer(kk), fy.layer(kk), fz.layer(kk), fz.layer(kk + 1));
+        Some([&xl[o..], &xl[o + 1..], &yl[o..], &yl[o + self.layout.stride..], &zl[o..], &zh[o..]])
+    }
+    /// sum += r − A·x of the row at `o`; A·x is 0 in solid cells. `t` is as long, and holds A·x on a coarse level, whose loop has as many rows as it can.
+    #[inline(always)]
+    fn add_residual(&self, x: [&[f32]; 3], kk: usize, o: usize, r: &[f32], sum: &mut [f32], t: &mut [f32]) {
+        let star = Star::new(x, o, self.layout.stride, sum.len());
+        let diagonal = self.diagonal(kk, o, sum.len());
+        if let Some(faces) = self.faces_at(kk, o) {
+            rows::coarse_operator(t, diagonal, &star, faces);
+            rows::add_residual(sum, r, t);
         } else {
-            rows::fine_operator(out, diagonal, &star, self.weights);
+            rows::fine_residual(sum, r, diagonal, &star, self.weights);
+        }
+    }
+    /// out = y + v·(r − A·y) of the row at `o`; `t` as above.
+    #[inline(always)]
+    fn smooth(&self, y: [&[f32]; 3], kk: usize, o: usize, [v, r]: [&[f32]; 2], out: &mut [f32], t: &mut [f32]) {
+        let star = Star::new(y, o, self.layout.stride, out.len());
+        let diagonal = self.diagonal(kk, o, out.len());
+        if let Some(faces) = self.faces_at(kk, o) {
+            rows::coarse_operator(t, diagonal, &star, faces);
+            rows::smooth(out, star.c, v, r, t);
+        } else {
+            rows::fine_smooth(out, [v, r], diagonal, &star, self.weights);
         }
     }
 }
@@ -161,11 +177,7 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let star = Star::new(fluid.three(kk), o, layout.stride, n);
-                        let (d, v) = (&mut d[o..o + n], &mut v[o..o + n]);
-                        for i in 0..n {
-                            d[i] = star.c[i] * star.around(i, self.weights);
-                            v[i] = if d[i] > 0.0 { DAMPING / d[i] } else { 0.0 };
-                        }
+                        rows::fine_diagonal(&mut d[o..o + n], &mut v[o..o + n], &star, self.weights, DAMPING);
                     }
                 },
             );
@@ -185,6 +197,8 @@ impl Solver {
         let damped = Damped { layout: fl, spans: &fine_spans, r: &r, inverse: &inverse };
         let own = cl.own(band);
         let mut next = children(own.start - 1, fl.n[2], coarse.halved[2]).start;
+        // Of the whole phase: to make them anew costs as much as a coarse layer.
+        let (mut sum, mut t) = ([0.0f32; MOST_FINE], [0.0f32; MOST_FINE]);
         for kk in own {
             let rc = r_out.layer(kk);
             let low = children(kk - 1, fl.n[2], coarse.halved[2]);
@@ -196,8 +210,6 @@ impl Solver {
             wide(
                 #[inline(always)]
                 || {
-                    let mut sum = [0.0f32; MOST_FINE];
-                    let mut t = [0.0f32; MOST_FINE];
                     for jc in 0..cl.n[1] {
                         let span = spans.row(kk, jc);
                         if span.is_empty() {
@@ -211,8 +223,7 @@ impl Solver {
                         let (sum, t) = (&mut sum[..m], &mut t[..m]);
                         sum.fill(0.0);
                         for k in low.clone() {
-                            op.apply(z.three(k + 1), k + 1, o, t);
-                            rows::add_residual(sum, &r.layer(k + 1)[o..o + m], t);
+                            op.add_residual(z.three(k + 1), k + 1, o, &r.layer(k + 1)[o..o + m], sum, t);
                         }
                         if m > n {
                             let (first, second) = sum.split_at_mut(fl.stride);
@@ -238,12 +249,13 @@ impl Solver {
         let parts = if l == 0 { &spans.lanes } else { &spans.open };
         let mut sums = self.sums(band)?;
         let damped = Damped { layout, spans: &spans, r: &r, inverse: &inverse };
-        let correction = Correction { damped, diagonal: &op.diagonal, e: &e, coarse };
+        let correction = Correction { damped, e: &e, coarse };
         let own = layout.own(band);
         let mut next = own.start - 1;
+        let (mut t, mut wide_row) = ([0.0f32; MAX_AXIS], [0.0f32; MAX_AXIS + 1]);
         for (index, kk) in own.enumerate() {
             while next <= kk + 1 {
-                correction.plane(next, planes.at_mut(next));
+                correction.plane(next, planes.at_mut(next), &mut wide_row);
                 next += 1;
             }
             let y = planes.three(kk);
@@ -251,12 +263,10 @@ impl Solver {
             let rz = wide(
                 #[inline(always)]
                 || {
-                    let mut t = [0.0f32; MAX_AXIS];
                     let mut rz = Dot::default();
                     for (o, n) in parts.of(kk) {
-                        op.apply(y, kk, o, &mut t[..n]);
                         let (row, r) = (&mut out[o..o + n], &r.layer(kk)[o..o + n]);
-                        rows::smooth(row, &y[1][o..o + n], &v[o..o + n], r, &t[..n]);
+                        op.smooth(y, kk, o, [&v[o..o + n], r], row, &mut t[..n]);
                         if l == 0 {
                             rz.add(layout.run_of(o), r, row);
                         }
@@ -305,7 +315,11 @@ pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
         out.copy_from_slice(row);
         return;
     }
-    for (o, pair) in out.iter_mut().zip(row.chunks(2)) {
-        *o = pair.iter().sum();
+    let (pairs, single) = row.as_chunks::<2>();
+    for (o, [a, b]) in out.iter_mut().zip(pairs) {
+        *o = a + b;
+    }
+    if let ([a], Some(o)) = (single, out.get_mut(pairs.len())) {
+        *o = *a;
     }
 }

@@ -193,23 +193,24 @@ impl Solver {
         let grid = &self.model.grid;
         let tools = Tool::all(grid, &plan.inputs.tools);
         let [nx, ny, _] = layout.n;
+        let mut row = [0.0f32; MAX_AXIS];
+        let row = &mut row[..nx];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             *sum = Default::default();
             let plane = fluid.layer(kk);
             for j in 0..ny {
-                let mut row = [0.0f32; MAX_AXIS];
                 let from = ((kk - 1) * ny + j) * nx;
-                for (r, &solid) in row[..nx].iter_mut().zip(&base.solid[from..from + nx]) {
+                for (r, &solid) in row.iter_mut().zip(&base.solid[from..from + nx]) {
                     *r = if solid == 0 { 1.0 } else { 0.0 };
                 }
                 for tool in tools.iter().flatten() {
                     tool.carve(grid, j, kk - 1, |i, _| row[i] = 0.0);
                 }
                 let o = layout.row(j);
-                if plane[o..o + nx] != row[..nx] {
+                if !rows::are_same(&plane[o..o + nx], row) {
                     sum.count += 1;
-                    plane[o..o + nx].copy_from_slice(&row[..nx]);
+                    plane[o..o + nx].copy_from_slice(row);
                 }
             }
             for face in &mut faces {

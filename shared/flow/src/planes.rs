@@ -63,27 +63,25 @@ impl Damped<'_> {
 /// The damped residual of a level and what the level below it has found.
 pub(crate) struct Correction<'a> {
     pub damped: Damped<'a>,
-    pub diagonal: &'a Read<'a>,
     /// Of the level below.
     pub e: &'a Read<'a>,
     pub coarse: &'a Level,
 }
 
 impl Correction<'_> {
-    /// That of padded layer `kk`; 0 beyond the grid.
-    pub fn plane(&self, kk: usize, out: &mut [f32]) {
+    /// That of padded layer `kk`; 0 beyond the grid. `wide_row` is for a row of the level below, spread.
+    pub fn plane(&self, kk: usize, out: &mut [f32], wide_row: &mut [f32; MAX_AXIS + 1]) {
         let Damped { layout, spans, r, inverse } = &self.damped;
         let [nx, ny, nz] = layout.n;
         if !(1..=nz).contains(&kk) {
             return out.fill(0.0);
         }
         let (coarse, halved) = (&*self.coarse.layout, self.coarse.halved);
-        let (r, v, d) = (r.layer(kk), inverse.layer(kk), self.diagonal.layer(kk));
+        let (r, v) = (r.layer(kk), inverse.layer(kk));
         let e = self.e.layer(parent(kk - 1, halved[2]) + 1);
         wide(
             #[inline(always)]
             || {
-                let mut wide_row = [0.0f32; MAX_AXIS + 1];
                 for j in 0..ny {
                     let (o, span) = (layout.row(j), spans.row(kk, j));
                     let range = o + span.start..o + span.end;
@@ -93,9 +91,9 @@ impl Correction<'_> {
                         continue;
                     }
                     let oc = coarse.row(parent(j, halved[1]));
-                    spread(&e[oc..oc + coarse.n[0]], &mut wide_row, span.end, halved[0]);
-                    let (r, v, d) = (&r[range.clone()], &v[range.clone()], &d[range.clone()]);
-                    rows::correct(&mut out[range], r, v, &wide_row[span], d);
+                    spread(&e[oc..oc + coarse.n[0]], wide_row, span.end, halved[0]);
+                    let (r, v) = (&r[range.clone()], &v[range.clone()]);
+                    rows::correct(&mut out[range], r, v, &wide_row[span]);
                 }
             },
         );

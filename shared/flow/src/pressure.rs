@@ -65,6 +65,7 @@ impl Solver {
         let (phi, diagonal, fluid) = (self.pressure.read()?, level.diagonal.read()?, self.fluid.read()?);
         let mut r = level.r.write(band)?;
         let n = layout.n[0];
+        let (mut t, mut mean) = ([0.0f32; MAX_AXIS], [0.0f32; MAX_AXIS]);
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             let r = r.layer(kk);
@@ -72,8 +73,6 @@ impl Solver {
                 #[inline(always)]
                 || {
                     let (mut bb, mut rr) = (0.0, 0.0);
-                    let mut t = [0.0f32; MAX_AXIS];
-                    let mut mean = [0.0f32; MAX_AXIS];
                     for j in 0..layout.n[1] {
                         let span = spans.row(kk, j);
                         if span.is_empty() {
@@ -114,17 +113,15 @@ impl Solver {
                 #[inline(always)]
                 || {
                     let mut dq = Dot::default();
-                    let mut t = [0.0f32; MAX_AXIS];
                     for (o, n) in spans.lanes.of(kk) {
                         let star = Star::new(z.three(kk), o, layout.stride, n);
-                        rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
-                        let (d, q, t) = (&mut d[o..o + n], &mut q[o..o + n], &t[..n]);
+                        let diagonal = &diagonal.layer(kk)[o..o + n];
+                        let (d, q) = (&mut d[o..o + n], &mut q[o..o + n]);
                         if plan.first_direction {
                             d.copy_from_slice(star.c);
-                            q.copy_from_slice(t);
+                            rows::fine_operator(q, diagonal, &star, self.weights);
                         } else {
-                            rows::scale_and_add(d, star.c, plan.beta);
-                            rows::scale_and_add(q, t, plan.beta);
+                            rows::fine_direction(d, q, diagonal, &star, self.weights, plan.beta);
                         }
                         dq.add(layout.run_of(o), d, q);
                     }
@@ -221,6 +218,7 @@ impl Solver {
         let per_m = self.model.grid.spacing_m().map(|h| 1.0 / h);
         let scale = 1.0 / plan.dt_by_density;
         let n = layout.n[0];
+        let (mut mean, mut out) = ([0.0f32; MAX_AXIS], [0.0f32; MAX_AXIS]);
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             let phi = pressure.layer(kk);
@@ -228,8 +226,6 @@ impl Solver {
                 #[inline(always)]
                 || {
                     let mut top = 0.0;
-                    let mut mean = [0.0f32; MAX_AXIS];
-                    let mut out = [0.0f32; MAX_AXIS];
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         plan.fill_means(layout, kk, j, &mut mean[..n]);

@@ -6,6 +6,9 @@
 use crate::inputs::MAX_SPEED_M_S;
 use crate::kernels::{Star, larger, smaller};
 
+#[cfg(test)]
+mod tests;
+
 /// out = keep·c + Σ weights·neighbours + push
 #[inline(always)]
 pub(crate) fn diffuse(out: &mut [f32], star: &Star<'_>, keep: f32, weights: [f32; 3], push: f32) {
@@ -30,6 +33,12 @@ pub(crate) fn hold(row: &mut [f32], here: &[f32], back: &[f32], held: &[f32]) {
 #[inline(always)]
 pub(crate) fn are_fluid(cells: &[f32]) -> bool {
     cells.iter().fold(u32::MAX, |all, cell| all & cell.to_bits()) == 1.0f32.to_bits()
+}
+
+/// Whether two rows have the same bits, looked at several cells at a time: a comparison of numbers goes cell by cell.
+#[inline(always)]
+pub(crate) fn are_same(a: &[f32], b: &[f32]) -> bool {
+    a.iter().zip(b).fold(0, |all, (a, b)| all | (a.to_bits() ^ b.to_bits())) == 0
 }
 
 /// The velocity of faces of which each is between two cells: the mean of those that are solid (not 0), of which the others' is 0.
@@ -185,14 +194,6 @@ pub(crate) fn add_product(x: &mut [f32], y: &[f32], z: &[f32], a: f32) {
     }
 }
 
-/// x = y + a·x
-#[inline(always)]
-pub(crate) fn scale_and_add(x: &mut [f32], y: &[f32], a: f32) {
-    for (x, y) in x.iter_mut().zip(y) {
-        *x = y + a * *x;
-    }
-}
-
 /// row −= per_m·(phi − back); what exceeds `limit` becomes 0 and is counted, what is below `rest` becomes 0.
 #[inline(always)]
 pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, limit: f32, rest: f32) -> u32 {
@@ -208,14 +209,77 @@ pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, li
     wild
 }
 
-/// out = A·x on the finest level; 0 where the diagonal is 0.
+/// d = m·Σ weights·neighbours, the diagonal of the finest level from the star of its cells m; v = damping/d where d is not 0, else 0.
+#[inline(always)]
+pub(crate) fn fine_diagonal(d: &mut [f32], v: &mut [f32], star: &Star<'_>, weights: [f32; 3], damping: f32) {
+    let n = d.len();
+    let (v, star) = (&mut v[..n], star.cut(n));
+    for i in 0..n {
+        let diagonal = star.c[i] * star.around(i, weights);
+        d[i] = diagonal;
+        v[i] = if diagonal > 0.0 { damping / diagonal } else { 0.0 };
+    }
+}
+
+/// d = Σ coefficients, the diagonal of a coarse level from its low and high faces along x, y, z; v as in [`fine_diagonal`].
+#[inline(always)]
+pub(crate) fn coarse_diagonal(d: &mut [f32], v: &mut [f32], faces: [&[f32]; 6], damping: f32) {
+    let n = d.len();
+    let v = &mut v[..n];
+    let [x0, x1, y0, y1, z0, z1] = faces;
+    let (x0, x1, y0, y1, z0, z1) = (&x0[..n], &x1[..n], &y0[..n], &y1[..n], &z0[..n], &z1[..n]);
+    for i in 0..n {
+        let diagonal = x0[i] + x1[i] + y0[i] + y1[i] + z0[i] + z1[i];
+        d[i] = diagonal;
+        v[i] = if diagonal > 0.0 { damping / diagonal } else { 0.0 };
+    }
+}
+
+/// A·x of cell `i` on the finest level; 0 where the diagonal is 0.
+#[inline(always)]
+fn fine_image(diagonal: &[f32], star: &Star<'_>, weights: [f32; 3], i: usize) -> f32 {
+    let value = diagonal[i] * star.c[i] - star.around(i, weights);
+    if diagonal[i] > 0.0 { value } else { 0.0 }
+}
+
+/// out = A·x on the finest level.
 #[inline(always)]
 pub(crate) fn fine_operator(out: &mut [f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
     let n = out.len();
     let (diagonal, star) = (&diagonal[..n], star.cut(n));
     for i in 0..n {
-        let value = diagonal[i] * star.c[i] - star.around(i, weights);
-        out[i] = if diagonal[i] > 0.0 { value } else { 0.0 };
+        out[i] = fine_image(diagonal, &star, weights, i);
+    }
+}
+
+/// sum += r − A·x on the finest level: [`fine_operator`] and [`add_residual`] at once.
+#[inline(always)]
+pub(crate) fn fine_residual(sum: &mut [f32], r: &[f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
+    let n = sum.len();
+    let (r, diagonal, star) = (&r[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        sum[i] += r[i] - fine_image(diagonal, &star, weights, i);
+    }
+}
+
+/// out = y + v·(r − A·y) on the finest level, with the star of y: [`fine_operator`] and [`smooth`] at once.
+#[inline(always)]
+pub(crate) fn fine_smooth(out: &mut [f32], [v, r]: [&[f32]; 2], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
+    let n = out.len();
+    let (v, r, diagonal, star) = (&v[..n], &r[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        out[i] = star.c[i] + v[i] * (r[i] - fine_image(diagonal, &star, weights, i));
+    }
+}
+
+/// d = z + beta·d and q = A·z + beta·q on the finest level, with the star of z.
+#[inline(always)]
+pub(crate) fn fine_direction(d: &mut [f32], q: &mut [f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3], beta: f32) {
+    let n = d.len();
+    let (q, diagonal, star) = (&mut q[..n], &diagonal[..n], star.cut(n));
+    for i in 0..n {
+        q[i] = fine_image(diagonal, &star, weights, i) + beta * q[i];
+        d[i] = star.c[i] + beta * d[i];
     }
 }
 
@@ -254,14 +318,14 @@ pub(crate) fn add_residual(sum: &mut [f32], r: &[f32], az: &[f32]) {
     }
 }
 
-/// out = v·r + w where the diagonal is not 0, else 0.
+/// out = v·r + w where the damped inverse v is not 0, which it is where the diagonal is not, else 0.
 #[inline(always)]
-pub(crate) fn correct(out: &mut [f32], r: &[f32], v: &[f32], w: &[f32], diagonal: &[f32]) {
+pub(crate) fn correct(out: &mut [f32], r: &[f32], v: &[f32], w: &[f32]) {
     let n = out.len();
-    let (r, v, w, diagonal) = (&r[..n], &v[..n], &w[..n], &diagonal[..n]);
+    let (r, v, w) = (&r[..n], &v[..n], &w[..n]);
     for i in 0..n {
         let corrected = v[i] * r[i] + w[i];
-        out[i] = if diagonal[i] > 0.0 { corrected } else { 0.0 };
+        out[i] = if v[i] > 0.0 { corrected } else { 0.0 };
     }
 }
 

@@ -60,6 +60,7 @@ impl Solver {
         let layout = &*self.layout;
         let spans = self.hierarchy.levels[0].spans()?;
         let carrier = self.read_velocity(plan.roles.carrier)?;
+        let mut shift = [[0.0f32; MAX_AXIS]; 3];
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let mut to = self.velocity[plan.roles.forward][component].write(band)?;
@@ -68,7 +69,6 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        let mut shift = [[0.0f32; MAX_AXIS]; 3];
                         for (o, n) in spans.near.of(kk) {
                             displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
                             let rows = nine(from.three(kk), o, layout.stride, n);
@@ -90,6 +90,7 @@ impl Solver {
         let spans = self.hierarchy.levels[0].spans()?;
         let carrier = self.read_velocity(plan.roles.carrier)?;
         let fluid = self.fluid.read()?;
+        let mut shift = [[0.0f32; MAX_AXIS]; 3];
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let half = self.velocity[plan.roles.forward][component].read()?;
@@ -101,7 +102,6 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        let mut shift = [[0.0f32; MAX_AXIS]; 3];
                         for (o, n) in spans.open.of(kk) {
                             displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
                             let before = nine(from.three(kk), o, layout.stride, n);

@@ -74,3 +74,16 @@ fn a_level_corrected_and_smoothed_at_once_has_the_bits_of_one_after_the_other() 
         }
     }
 }
+
+#[test]
+fn cells_are_gathered_in_pairs_and_a_single_last_one_stays_as_it_is() {
+    let mut out = [9.0f32; 3];
+    gather(&[1.0, 2.0, 3.0, 4.0, 5.0], &mut out, true);
+    assert_eq!(out, [3.0, 7.0, 5.0]);
+    gather(&[1.0, 2.0, 3.0, 4.5], &mut out[..2], true);
+    assert_eq!(out, [3.0, 7.5, 5.0]);
+    gather(&[-0.0, -0.0, -0.0], &mut out[..2], true);
+    assert!(out[..2].iter().all(|x| x.to_bits() == (-0.0f32).to_bits()), "a zero keeps its sign");
+    gather(&[1.0, 2.0, 3.0], &mut out, false);
+    assert_eq!(out, [1.0, 2.0, 3.0]);
+}

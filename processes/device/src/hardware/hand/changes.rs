@@ -1,7 +1,7 @@
 //! What a scripted hand still has to set at the pump and the valves: each at its time, or so long after the pump has said what it waits for. Its hand knows
-//! no more than who stands before a pump: alarms, deficit, blood, pressure.
+//! no more than who stands before a pump: alarms, deficit, blood, and the pressure that is shown, which is the mean over a second.
 
-use hyst_messages::{FluidStatus, PUMP_ALARMS};
+use hyst_messages::{FluidStatus, PUMP_ALARMS, Shown};
 use hyst_scene::{Alarm, PumpChange, Signal};
 use std::collections::VecDeque;
 
@@ -11,6 +11,8 @@ pub(super) struct Changes {
     timed: VecDeque<PumpChange>,
     /// What waits, in the script's order.
     awaited: Vec<Awaited>,
+    /// The pressure as it is shown: of what the script waits for, the roller's beat is none.
+    shown: Shown,
 }
 
 struct Awaited {
@@ -27,6 +29,7 @@ impl Changes {
         Changes {
             timed: script.iter().filter(|change| change.after.is_none()).copied().collect(),
             awaited: script.iter().filter_map(awaited).collect(),
+            shown: Shown::default(),
         }
     }
 
@@ -37,8 +40,9 @@ impl Changes {
 
     /// Takes what the pump says at a time.
     pub(super) fn see(&mut self, time_s: f64, status: &FluidStatus) {
+        let status = self.shown.show(status);
         for awaited in &mut self.awaited {
-            if awaited.since_s.is_none() && has_come(&awaited.signal, status) {
+            if awaited.since_s.is_none() && has_come(&awaited.signal, &status) {
                 awaited.since_s = Some(time_s);
             }
         }
@@ -97,6 +101,23 @@ mod tests {
         assert_eq!((due(&mut changes, 1.75), changes.is_waiting()), (vec![0.25], false));
         changes.see(2.0, &status(4));
         assert_eq!(due(&mut changes, 9.0), vec![2.0]);
+    }
+
+    /// A beat of 1.3 mmHg every 2.2 s, seen each 25 ms: a third of it, 0.43 mmHg, is in the mean.
+    #[test]
+    fn the_rollers_beat_is_nothing_that_is_waited_for() {
+        let above = Signal { pressure_above_pa: Some(100.0 * 133.322), ..Signal::default() };
+        let mut changes = Changes::of(&[change(0.0, Some(above))]);
+        let beats = |changes: &mut Changes, from: u64, mean_mmhg: f64| {
+            for state_tick in (from..from + 10_000).step_by(25) {
+                let beat_mmhg = 1.3 * (std::f64::consts::TAU * state_tick as f64 / 2_200.0).sin();
+                let pressure_pa = (133.322 * (mean_mmhg + beat_mmhg)) as f32;
+                changes.see(state_tick as f64 * 1e-3, &FluidStatus { state_tick, pressure_pa, ..FluidStatus::default() });
+            }
+            due(changes, 1e3)
+        };
+        assert_eq!(beats(&mut changes, 1_000, 99.3), Vec::<f64>::new(), "the peaks are at 100.6");
+        assert_eq!(beats(&mut changes, 11_000, 100.3), vec![0.0]);
     }
 
     #[test]
