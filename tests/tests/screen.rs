@@ -39,6 +39,7 @@ impl Terminal {
         let script = command
             .args(["-qefc", &run, &folder.path("drawn")])
             .env("SHELL", "/bin/sh")
+            .env("TERM", "xterm") // whoever runs this may have none that one can draw on
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::null())

@@ -80,19 +80,25 @@ fn a_cell_of_which_nobody_noticed_anything_says_so_everywhere() {
 #[test]
 fn what_nobody_noticed_is_said_to_be_so_although_some_were_refused_and_not_where_most_were() {
     let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"console\"]\ncount = 8\nwhere = \"page\"\npool = \"all\"\n";
-    let judged = |refused: usize| {
+    let judged = |spoiled: usize, spoil: fn(&mut Outcome)| {
         let (campaign, plan, mut outcomes) = setup(cells);
         for (number, outcome) in outcomes.iter_mut().enumerate() {
             outcome.fault.as_mut().unwrap().detected_by = String::new();
-            if number < refused {
-                (outcome.fault, outcome.ending) = (None, Ending::Refused);
+            if number < spoiled {
+                spoil(outcome);
             }
         }
         let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
         (judgement.cells[0].verdict, judgement.cells[0].reasons.clone())
     };
-    assert_eq!(judged(2), (Verdict::Figures, vec!["nobody noticed any of its 6 faults: it proves nothing".to_string()]));
-    assert_eq!([5, 8].map(|refused| judged(refused).0), [Verdict::Unknown; 2]);
+    let refused: fn(&mut Outcome) = |outcome| (outcome.fault, outcome.ending) = (None, Ending::Refused);
+    let did_not_come: fn(&mut Outcome) = |outcome| outcome.fault.as_mut().unwrap().manifested = false;
+    assert_eq!(judged(2, refused), (Verdict::Figures, vec!["nobody noticed any of its 6 faults: it proves nothing".to_string()]));
+    assert_eq!(judged(2, did_not_come).0, Verdict::Figures);
+    // Of as many nothing is known: of half of them, of most, of all.
+    for spoil in [refused, did_not_come] {
+        assert_eq!([4, 5, 8].map(|spoiled| judged(spoiled, spoil).0), [Verdict::Unknown; 3]);
+    }
 }
 
 /// Its line says when it had beaten last: a little before it was killed, when the fault before was the newest.

@@ -27,8 +27,10 @@ use std::path::{Path, PathBuf};
 
 /// How long a stand-in may take to make room: it looks every 20 ms.
 const ROOM_NS: u64 = 2_000_000_000;
-/// Between two tries to have the name.
+/// Between two tries to have the name, or a dead supervisor's lock.
 const TRY_NS: u64 = 10_000_000;
+/// How long the threads of a supervisor that was killed may take to end beside its first one.
+const LETS_GO_NS: u64 = 1_000_000_000;
 /// How long the remains of a station that was asked to stop may take to do so.
 const STOP_NS: u64 = 2_500_000_000;
 
@@ -126,9 +128,17 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
     Ok(Ground { page, order, adopted: false })
 }
 
-/// Whether a supervisor works on a station, seen or not: its lock is that of a file, and holds across containers.
+/// Whether a supervisor works on a station, seen or not: its lock is that of a file, and holds across containers. One that was killed is no living process any
+/// more while its last threads still end, and lets go with the last of them.
 fn is_kept_unseen(station: &Station) -> bool {
-    matches!(name::lock(station), Ok(None))
+    let until_ns = system::now_ns() + LETS_GO_NS;
+    while matches!(name::lock(station), Ok(None)) {
+        if system::now_ns() >= until_ns {
+            return true;
+        }
+        system::sleep_ns(TRY_NS);
+    }
+    false
 }
 
 /// The page of a station of which somebody lives; one that was asked to stop is helped to.

@@ -2,6 +2,7 @@
 //! dice say, and looks after each event whether a promise was broken. A history that breaks one is named by its seed.
 
 mod by_hand;
+mod ends;
 mod swaps;
 
 use hyst_messages::{Role, Slot};

@@ -72,8 +72,9 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     figures.limit_upper95 = limit;
     let is_wrong = is_cell && !figures.reasons.is_empty();
     let done = figures.done();
-    // What is only done from outside need not be noticed; that it was not is said.
-    let is_silent = is_cell && done > 0 && figures.manifested == 0 && figures.unnoticed.is_empty();
+    // What is only done from outside need not be noticed; that it was not is said, where what it cost is known of more faults than nothing is known of.
+    let known = figures.excess_unnoticed.map_or(0, |excess| excess.faults);
+    let is_silent = is_cell && figures.manifested == 0 && figures.without_verdict > 0 && figures.without_verdict >= known;
     let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
     let is_half_judged = is_cell && done >= LEAST_DONE && 2 * figures.without_verdict > done;
     figures.verdict = match (limit, figures.excess) {
