@@ -122,8 +122,10 @@ fn vtk_5() -> Vec<Part> {
     ]
 }
 
-/// All files, by their names, with the regions that they name, and what comes after the last byte that none can do without.
-fn files() -> Vec<(&'static str, Vec<u8>, [u32; 2], &'static [u8])> {
+/// A file: its name, its bytes, the regions that it names, and what comes after the last byte that it cannot do without.
+type File = (&'static str, Vec<u8>, [u32; 2], &'static [u8]);
+
+fn files() -> Vec<File> {
     let gmsh = [version_4_1(), version_2_2()].into_iter().flat_map(|parts| [false, true].map(|is_big| file(&parts, is_big)));
     let vtk = [vtk_3(), vtk_5()].map(|parts| file(&parts, true));
     let gmsh = gmsh.map(|bytes| ("a.msh", bytes, [11, 2], b"\n$EndElements".as_slice()));

@@ -12,10 +12,14 @@ pub(crate) struct Physical {
 }
 
 impl Physical {
-    /// Notes a volume and its first physical group.
+    /// Notes a volume and its first physical group; [`Self::sort`] is to follow the last one.
     pub fn add(&mut self, volume: i64, group: i64) {
-        let at = self.volumes.partition_point(|known| *known < (volume, group));
-        self.volumes.insert(at, (volume, group));
+        self.volumes.push((volume, group));
+    }
+
+    /// Puts what was noted into order: at once, for a damaged file may have millions of volumes, the highest first.
+    pub fn sort(&mut self) {
+        self.volumes.sort_unstable();
     }
 
     /// Region of an element of volume `entity`: its first physical group, else the volume's own tag.

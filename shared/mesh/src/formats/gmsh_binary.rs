@@ -41,6 +41,7 @@ pub(crate) fn read(bytes: &[u8], at: usize, version: Version) -> Result<Builder,
                 if is_partitioned || name == b"Entities" {
                     // They only name regions, so what is not understood is passed over; a copy of the place reads them.
                     let _ = file.entities(&mut physical, is_partitioned);
+                    physical.sort();
                 }
                 file.pass(name);
             }
