@@ -317,8 +317,11 @@ impl World {
         self.now_ns += LEAVE_WITHIN_NS;
         self.event(state, Event::Tick);
         self.event(state, Event::Tick);
-        let here = |incarnation: &u32| self.alive.values().any(|(alive, _)| alive == incarnation);
-        assert!(self.stopped || !self.leaving.keys().any(here), "one that grew too large stays for ever");
+        // Who was dismissed is killed: one that does not end then is the kernel's affair.
+        let is_here = |incarnation: u32| self.alive.values().any(|(alive, _)| *alive == incarnation);
+        let is_dismissed = |incarnation: u32| self.dismissed.iter().any(|(_, dismissed)| *dismissed == incarnation);
+        let stays = |incarnation: &u32| is_here(*incarnation) && !is_dismissed(*incarnation);
+        assert!(self.stopped || !self.leaving.keys().any(stays), "one that grew too large stays for ever");
         let mut given_up: Vec<Slot> = state.given_up().collect();
         self.given_up.sort();
         given_up.sort();
