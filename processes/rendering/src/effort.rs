@@ -52,8 +52,6 @@ pub struct Effort {
     pub scale: f32,
     /// what is out of focus is blurred
     pub focus: bool,
-    /// nothing gives way, however long pictures take
-    is_whole: bool,
     /// for how long there has been room for the focus, or with it for a higher rate
     roomy_ticks: u64,
     /// for how long there must be
@@ -68,7 +66,6 @@ impl Default for Effort {
             period_ticks: SLOWEST_TICKS,
             scale: 1.0,
             focus: true,
-            is_whole: false,
             roomy_ticks: 0,
             patience_ticks: PATIENCE_TICKS[0],
             last_ms: 0.0,
@@ -83,19 +80,11 @@ impl Effort {
         if is_software { Effort { scale: MIN_SCALE, focus: false, ..Effort::default() } } else { Effort::default() }
     }
 
-    /// The effort of pictures that are wanted whole, where nobody is there whom a slow one would cost anything: it stays as it is.
-    pub fn whole() -> Effort {
-        Effort { is_whole: true, ..Effort::default() }
-    }
-
     /// The effort after a picture that took `frame_ms` to draw, and `step_ms` from the loop's wake-up until it was shown.
     ///
     /// What is too slow gives way at once, in rate first, at the lowest rate in focus, then in resolution. What is quick comes back the other way about.
     /// At the lowest rate a single slow picture costs nothing: a stall of the machine says nothing of the next one, and the loop makes up for it.
     pub fn next(self, frame_ms: f32, step_ms: f32, fastest_ticks: u64) -> Effort {
-        if self.is_whole {
-            return self;
-        }
         let lasting_ms = frame_ms.min(self.last_ms);
         let effort = Effort { last_ms: frame_ms, ..self };
         let fastest = fastest_ticks.clamp(FASTEST_TICKS, SLOWEST_TICKS);
@@ -213,16 +202,6 @@ mod tests {
         let mut coarse = Effort { scale: 0.5, ..Effort::default() };
         assert!(drawn(&mut coarse, FASTEST_TICKS, 400, |_| 0.5).is_empty(), "first it becomes fine again");
         assert_eq!(coarse.scale, 1.0);
-    }
-
-    /// Pictures for the documents were drawn at half the resolution, though no hand waited for them.
-    #[test]
-    fn a_picture_that_is_wanted_whole_is_drawn_with_all_there_is_however_long_it_takes() {
-        let whole = Effort::whole();
-        assert_eq!((whole.period_ticks, whole.scale, whole.focus), (SLOWEST_TICKS, 1.0, true));
-        for ms in [1.0, 50.0, 5_000.0, f32::NAN] {
-            assert_eq!(whole.next(ms, ms, FASTEST_TICKS).next(ms, ms, FASTEST_TICKS), whole, "{ms} ms");
-        }
     }
 
     #[test]

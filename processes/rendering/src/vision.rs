@@ -130,13 +130,7 @@ fn device(life: &Life, display: &Display) -> Result<Gpu, RenderError> {
         life.say("two graphics devices were lost within a minute: the adapter in software is tried first");
     }
     let open = |prefer| display.pane().map_or_else(|| Gpu::new(prefer), |pane| Gpu::with_window(prefer, pane));
-    let gpu = adapter::first_of(order, open, |text| life.say(text))?;
-    Ok(if are_wanted_whole(life) { gpu.smooth(true) } else { gpu })
-}
-
-/// Whether pictures are kept that nobody waits for: on a virtual clock, where no hand feels what they cost, and without a window.
-fn are_wanted_whole(life: &Life) -> bool {
-    life.is_lockstep() && life.settings.headless && life.settings.pictures.is_some()
+    adapter::first_of(order, open, |text| life.say(text))
 }
 
 /// Goes on without the window.
@@ -193,7 +187,7 @@ impl<'a> Vision<'a> {
             Some(ticks) if renderer.keep_step() => ticks,
             _ => fastest_ticks,
         };
-        let effort = if are_wanted_whole(life) { Effort::whole() } else { Effort::at_start(renderer.gpu().is_software()) };
+        let effort = Effort::at_start(renderer.gpu().is_software());
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
