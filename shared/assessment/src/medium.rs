@@ -13,8 +13,8 @@ use std::collections::VecDeque;
 pub const LOW_PA: f64 = 35.0 * PA_PER_MMHG;
 /// Upper end of the working range, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).
 pub const HIGH_PA: f64 = 100.0 * PA_PER_MMHG;
-/// Where the walls part, Pa: a median of 40 mmHg (25 to 50).
-pub const PARTED_PA: f64 = 40.0 * PA_PER_MMHG;
+/// Where the walls part, Pa: a median of 40 mmHg (25 to 50). A case in which nobody may come to that pressure and that has a landmark looked at is refused.
+pub const PARTED_PA: f64 = hyst_scene::LOOKS_FROM_PA;
 /// A status holds for so long at most, ticks; then nothing is known.
 const HOLD_TICKS: u64 = 1_000;
 /// Time over which the rate of the deficit is taken, and between two points of it, ticks: shorter ones show the filling of a cavity of 5 ml alone.

@@ -314,5 +314,3 @@ pub const OF_THE_TASK: [&str; 4] = ["time", "path", "economy", "camera_turned"];
 const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
 const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
 const _: () = assert!(BLEEDS_ML_MIN == 1.0 && CLEAR_SHARE == 0.5);
-// A case in which nobody may come to that pressure has no landmark looked at, which is refused.
-const _: () = assert!(PARTED_PA == hyst_scene::LOOKS_FROM_PA);

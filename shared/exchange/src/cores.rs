@@ -88,7 +88,7 @@ fn in_order(cores: &[Core]) -> Vec<usize> {
     let first = cores.iter().min_by_key(|core| (is_slow(core), is_second(core), core.number));
     let node = first.and_then(|core| core.node);
     let mut order: Vec<&Core> = cores.iter().collect();
-    order.sort_by_key(|core| (is_slow(core), is_second(core), core.node != node, core.number));
+    order.sort_by_cached_key(|core| (is_slow(core), is_second(core), core.node != node, core.number));
     order.into_iter().map(|core| core.number).collect()
 }
 

@@ -3,6 +3,7 @@
 //! Promise: what is locked never costs the process a mapping. Where the memory that it maps from now on is locked too, and a limit is met, the kernel refuses
 //! the mapping itself: a newcomer's stream, a thread, an allocation. So that is asked for only where the limit is far away or binds nobody.
 
+use crate::system;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 
@@ -47,8 +48,7 @@ pub fn is_exempt() -> bool {
 }
 
 fn has_right(status: &str) -> bool {
-    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
-    effective.and_then(|set| u64::from_str_radix(set.trim(), 16).ok()).is_some_and(|set| (set >> IPC_LOCK_BIT) & 1 == 1)
+    system::has_capability(status, IPC_LOCK_BIT)
 }
 
 /// The first user namespace has all ids, each as itself; in another one the right is the kernel's no reason to lock more.

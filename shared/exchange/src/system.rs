@@ -196,6 +196,12 @@ pub fn set_niceness(nice: i32) -> bool {
         .all(|set| matches!(set, Ok(()) | Err(rustix::io::Errno::SRCH)))
 }
 
+/// Whether a process has a capability, by its bit in the kernel's sets and what the kernel says of the process in `/proc/PID/status`.
+pub fn has_capability(status: &str, bit: u32) -> bool {
+    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    effective.and_then(|set| u64::from_str_radix(set.trim(), 16).ok()).is_some_and(|set| (set >> bit) & 1 == 1)
+}
+
 /// User id, which is part of the station's root.
 pub fn user_id() -> u32 {
     rustix::process::getuid().as_raw()

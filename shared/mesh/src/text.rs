@@ -83,12 +83,7 @@ impl<'a> Text<'a> {
 
     /// The next bytes as they are, whatever they mean.
     pub fn raw(&mut self, count: usize, what: &str) -> Result<&'a [u8], ReadError> {
-        let taken = self.bytes[self.at..].get(..count).ok_or_else(|| {
-            let cure = "the file is cut short: copy or export it again";
-            ReadError::new(ReadErrorKind::Truncated, Place::Byte(self.at), "the end of the file", what, cure)
-        })?;
-        self.at += count;
-        Ok(taken)
+        take(self.bytes, &mut self.at, count, what, "the file is cut short: copy or export it again")
     }
 
     /// Bytes before this place.
@@ -212,6 +207,15 @@ impl<'a> Text<'a> {
             self.line += 1;
         }
     }
+}
+
+/// So many bytes from a place on, which lies behind them then; with this cure where there are fewer.
+pub(crate) fn take<'a>(bytes: &'a [u8], at: &mut usize, count: usize, what: &str, cure: &str) -> Result<&'a [u8], ReadError> {
+    let taken = bytes[*at..]
+        .get(..count)
+        .ok_or_else(|| ReadError::new(ReadErrorKind::Truncated, Place::Byte(*at), "the end of the file", what, cure))?;
+    *at += count;
+    Ok(taken)
 }
 
 /// A coordinate in single precision, if it is finite there.

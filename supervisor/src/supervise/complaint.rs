@@ -3,6 +3,7 @@
 
 use super::Supervisor;
 use crate::journal::Seldom;
+use hyst_exchange::ReadPage;
 use hyst_messages::page::{header, recorder as layout};
 use hyst_messages::{Role, Slot};
 
@@ -59,13 +60,17 @@ impl Complaint {
 }
 
 impl Supervisor {
+    /// The page of one that is ready. What one that is dead left are its last words, and are said with its death.
+    fn page_of_living(&mut self, slot: Slot) -> Option<&ReadPage> {
+        if self.viewer.page().is_dead(slot) {
+            return None;
+        }
+        self.viewer.slot_page(slot).filter(|page| page.state().is_ready())
+    }
+
     /// Says it when the hand's complaint begins, and when it is over.
     pub(super) fn heed_hand(&mut self, now_ns: u64) {
-        let slot = Slot::first(Role::Hardware);
-        if self.viewer.page().is_dead(slot) {
-            return;
-        }
-        let Some(page) = self.viewer.slot_page(slot).filter(|page| page.state().is_ready()) else { return };
+        let Some(page) = self.page_of_living(Slot::first(Role::Hardware)) else { return };
         let words = page.last_words();
         if let Some(text) = self.complaint.hand.look(&words) {
             self.complaint.hand.said.say(&self.station, now_ns, &text);
@@ -74,11 +79,7 @@ impl Supervisor {
 
     /// Says it when the recorder's complaint begins, and when it is over.
     pub(super) fn heed_recorder(&mut self, now_ns: u64) {
-        let slot = Slot::first(Role::Recorder);
-        if self.viewer.page().is_dead(slot) {
-            return; // what it left are its last words, and are said with its death
-        }
-        let Some(page) = self.viewer.slot_page(slot).filter(|page| page.state().is_ready()) else { return };
+        let Some(page) = self.page_of_living(Slot::first(Role::Recorder)) else { return };
         let (words, written_ns) = (page.last_words(), page.load64(header::VALUE_NS));
         let lost = page.cell(layout::STATUS).map_or(0, |(_, status)| status.lost);
         if let Some(text) = self.complaint.look(now_ns, &words, written_ns, lost) {

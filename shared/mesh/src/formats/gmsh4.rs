@@ -30,7 +30,7 @@ impl Physical {
     /// `$Entities`. It only names regions, so what is not understood is passed over.
     pub fn read_entities(&mut self, text: &mut Text) {
         let _ = self.volumes_after_counts(text, false);
-        self.volumes.sort_unstable();
+        self.sort();
     }
 
     /// `$PartitionedEntities`, likewise.
@@ -45,7 +45,7 @@ impl Physical {
         if skip(text).is_ok() {
             let _ = self.volumes_after_counts(text, true);
         }
-        self.volumes.sort_unstable();
+        self.sort();
     }
 
     fn volumes_after_counts(&mut self, text: &mut Text, partitioned: bool) -> Result<(), ReadError> {
@@ -80,7 +80,7 @@ impl Physical {
                 line.need("box")?;
             }
             if line.i64("groups")? > 0 {
-                self.volumes.push((tag, line.i64("group")?));
+                self.add(tag, line.i64("group")?);
             }
         }
         Ok(())

@@ -8,7 +8,7 @@ use super::builder::Builder;
 use super::gmsh::{CURE, Version, is_other_volume, is_tet};
 use super::gmsh4::Physical;
 use crate::error::{Place, ReadError, ReadErrorKind};
-use crate::text::narrow;
+use crate::text::{narrow, take};
 
 /// Bytes of the numbers in a file: a whole number, a size or a tag of version 4.1, a coordinate.
 const INT_BYTES: usize = 4;
@@ -95,11 +95,7 @@ impl<'a> Numbers<'a> {
     }
 
     fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8], ReadError> {
-        let taken = self.bytes[self.at..].get(..count).ok_or_else(|| {
-            ReadError::new(ReadErrorKind::Truncated, Place::Byte(self.at), "the end of the file", what, DAMAGED)
-        })?;
-        self.at += count;
-        Ok(taken)
+        take(self.bytes, &mut self.at, count, what, DAMAGED)
     }
 
     /// The bytes of a number, the lowest first.

@@ -18,6 +18,7 @@ pub(crate) struct Cells {
 }
 
 pub(super) const CURE: &str = "save it as ASCII (ParaView: File > Save Data, file type Ascii; or: meshio ascii FILE)";
+const DAMAGED: &str = "the file is damaged: export it again";
 
 struct File {
     dataset: String,
@@ -71,8 +72,7 @@ pub(crate) fn add_tets(mesh: &mut Builder, cells: &Cells, types: &[i64], first_t
     let count = cells.offsets.len().saturating_sub(1);
     if count != types.len() {
         let found = format!("{} cell types for {count} cells", types.len());
-        let cure = "the file is damaged: export it again";
-        return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "one type per cell", cure));
+        return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "one type per cell", DAMAGED));
     }
     for (cell, &kind) in types.iter().enumerate() {
         match kind {
@@ -88,8 +88,7 @@ pub(crate) fn add_tets(mesh: &mut Builder, cells: &Cells, types: &[i64], first_t
         let corners = slice(cells, cells.offsets[cell], cells.offsets[cell + 1])?;
         let Some(&[a, b, c, d]) = corners.get(..4) else {
             let found = format!("cell {cell}, a tet, with {} points", corners.len());
-            let cure = "the file is damaged: export it again";
-            return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "4 points", cure));
+            return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "4 points", DAMAGED));
         };
         mesh.tet([a, b, c, d].map(|index| index.saturating_add(first_tag)), 0, place);
     }
@@ -102,8 +101,7 @@ fn slice(cells: &Cells, start: i64, end: i64) -> Result<&[i64], ReadError> {
         let place = cells.place.unwrap_or(Place::File);
         let found = format!("a cell from {start} to {end}");
         let expected = format!("offsets that grow and end at {}", cells.connectivity.len());
-        let cure = "the file is damaged: export it again";
-        ReadError::new(ReadErrorKind::Syntax, place, found, expected, cure)
+        ReadError::new(ReadErrorKind::Syntax, place, found, expected, DAMAGED)
     })
 }
 
@@ -179,8 +177,7 @@ fn cells(text: &mut Text, is_binary: bool, head: Token) -> Result<Cells, ReadErr
         cells.offsets = integers(text, count, is_binary.then_some(kind), "an offset")?;
         let word = text.need("CONNECTIVITY")?;
         if !word.is("CONNECTIVITY") {
-            let cure = "the file is damaged: export it again";
-            return Err(ReadError::new(ReadErrorKind::Syntax, Place::Line(word.line), word.shown(), "CONNECTIVITY", cure));
+            return Err(ReadError::new(ReadErrorKind::Syntax, Place::Line(word.line), word.shown(), "CONNECTIVITY", DAMAGED));
         }
         let kind = text.need("the type of the indices")?.bytes;
         cells.connectivity = integers(text, size, is_binary.then_some(kind), "a point index")?;
@@ -195,8 +192,7 @@ fn cells(text: &mut Text, is_binary: bool, head: Token) -> Result<Cells, ReadErr
             let corners = rest.split_first().and_then(|(corners, after)| after.split_at_checked(usize::try_from(*corners).ok()?));
             let (corners, after) = corners.ok_or_else(|| {
                 let found = format!("cell {nth} of {count} with more points than there are");
-                let cure = "the file is damaged: export it again";
-                ReadError::new(ReadErrorKind::Syntax, place, found, format!("a list of {size} numbers for all cells"), cure)
+                ReadError::new(ReadErrorKind::Syntax, place, found, format!("a list of {size} numbers for all cells"), DAMAGED)
             })?;
             cells.connectivity.extend(corners);
             cells.offsets.push(cells.connectivity.len() as i64);

@@ -69,8 +69,7 @@ fn granted() -> [bool; 2] {
 /// Whether a process has CAP_SYS_NICE, by what the kernel says of it.
 fn may_be_nice(status: &str) -> bool {
     const BIT: u32 = 23;
-    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
-    effective.and_then(|set| u64::from_str_radix(set.trim(), 16).ok()).is_some_and(|set| (set >> BIT) & 1 == 1)
+    system::has_capability(status, BIT)
 }
 
 fn real_time([any, all]: [bool; 2], is_root: bool, has_right: bool) -> Finding {
