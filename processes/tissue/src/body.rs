@@ -30,14 +30,14 @@ pub struct Room {
 }
 
 impl Room {
-    /// Half as much again as the scene has, and what a few strokes through a coarse mesh need.
+    /// Half as much again as the scene has, and what it takes to slice half of a myoma from a coarse mesh, the chips not rinsed out yet.
     pub fn for_body(body: &Body, objects: usize, regions: usize) -> Room {
         let more = |count: usize, least: usize| count + (count / 2).max(least);
         Room {
-            nodes: more(body.rest.positions_m.len(), 768),
-            tets: more(body.rest.tets.len(), 2_048),
-            vertices: more(body.skin.rest_m.len(), 2_048),
-            triangles: more(body.skin.triangles.len(), 4_096),
+            nodes: more(body.rest.positions_m.len(), 4_608),
+            tets: more(body.rest.tets.len(), 9_216),
+            vertices: more(body.skin.rest_m.len(), 16_384),
+            triangles: more(body.skin.triangles.len(), 24_576),
             objects,
             regions,
         }

@@ -10,6 +10,7 @@
 //! rest and a quality above a bound; the boundary stays a 2-manifold, for faces that would spoil it stay closed; mass and momentum are kept; same
 //! tissue, same sweep: same bits. Everything that a later tick needs is in the [`Cuttable`], which is plain data: whoever holds it continues.
 
+mod enclosed;
 mod fans;
 mod refine;
 mod separate;

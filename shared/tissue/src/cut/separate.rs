@@ -9,21 +9,31 @@ use glam::DVec3;
 const ROUNDS: usize = 12;
 
 /// A face by its sorted nodes.
-type Face = [u32; 3];
+pub type Face = [u32; 3];
 /// A node and the parts of its star that get a copy each.
 type Parting = (u32, Vec<Vec<u32>>);
 
 impl Work<'_> {
     /// Opens what can be opened of the faces on the sheet; gives the two tets of each that is open now.
     pub fn open(&mut self, report: &mut CutReport) -> Vec<[u32; 2]> {
-        let mut faces = self.faces_on_sheet();
+        let before = report.out_of_room;
+        let mut opened = self.open_faces(self.faces_on_sheet(), report);
+        // Without room for copies all of the sheet is closed, and nothing can be freed.
+        if report.out_of_room == before {
+            opened.extend(self.free_enclosed(report));
+        }
+        opened
+    }
+
+    /// The same of these faces, which are sorted.
+    pub fn open_faces(&mut self, mut faces: Vec<Face>, report: &mut CutReport) -> Vec<[u32; 2]> {
         let wanted = faces.len();
         for round in 0..ROUNDS {
             let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| self.parting(node, &faces)).collect();
             let has_room = partings.iter().map(|(_, parts)| parts.len()).sum::<usize>() <= self.room();
             if partings.is_empty() || !has_room || round + 1 == ROUNDS {
                 report.out_of_room += usize::from(!has_room);
-                report.closed_faces = wanted;
+                report.closed_faces += wanted;
                 break;
             }
             let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| self.tets_at(face)).collect();
@@ -31,11 +41,11 @@ impl Work<'_> {
             let copies = self.part(&partings);
             let bad: Vec<u32> = self.bad_nodes(&partings, &copies).into_iter().filter(|bad| !bad_before.contains(bad)).collect();
             if bad.is_empty() {
-                report.copied_nodes = copies.len();
+                report.copied_nodes += copies.len();
                 let opened = faces.iter().zip(tets).filter(|(face, _)| !self.is_closed(face));
                 let opened: Vec<[u32; 2]> = opened.filter_map(|(_, tets)| tets).collect();
-                report.opened_faces = opened.len();
-                report.closed_faces = wanted - report.opened_faces;
+                report.opened_faces += opened.len();
+                report.closed_faces += wanted - opened.len();
                 return opened;
             }
             self.join_again(&partings, &copies);
@@ -46,14 +56,20 @@ impl Work<'_> {
 
     /// Faces between two tets on different sides whose nodes all lie on the sheet.
     fn faces_on_sheet(&self) -> Vec<Face> {
-        let mut faces = Vec::new();
         let sides = self.sides();
+        let marked = self.marked_faces().into_iter();
+        marked.filter(|(_, [first, second])| sides[*first as usize] != sides[*second as usize]).map(|(face, _)| face).collect()
+    }
+
+    /// Faces between two tets, with these, whose nodes all lie on the sheet; sorted.
+    pub fn marked_faces(&self) -> Vec<(Face, [u32; 2])> {
+        let mut faces = Vec::new();
         for node in (0..self.star.len() as u32).filter(|node| self.is_marked(*node)) {
             for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
                 let [([a, b], first), (_, second)] = same else { continue };
                 // Each face is met at each of its nodes.
-                if node < *a && self.is_marked(*a) && self.is_marked(*b) && sides[*first as usize] != sides[*second as usize] {
-                    faces.push([node, *a, *b]);
+                if node < *a && self.is_marked(*a) && self.is_marked(*b) {
+                    faces.push(([node, *a, *b], [*first, *second]));
                 }
             }
         }
@@ -224,7 +240,7 @@ impl Work<'_> {
     }
 
     /// The two tets that have a face in common.
-    fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
+    pub fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
         let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
         let mut both = self.star[face[0] as usize].iter().filter(has);
         Some([*both.next()?, *both.next()?])
