@@ -23,7 +23,7 @@ use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::system;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_flow::{FlowModel, Grid, Medium, PumpModel, Solver, StateView};
+use hyst_flow::{FlowModel, Grid, MAX_BANDS, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
@@ -33,7 +33,7 @@ use std::cell::Cell;
 use std::path::Path;
 use tissues::Tissues;
 
-/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas, vessels that are coagulated.
+/// Sections of a fluid state: head, the solver's block, share of blood in each cell (x fastest), parcels of gas, vessels that are coagulated.
 const SECTIONS: usize = seals::SECTION + 1;
 
 /// The engine.
@@ -113,8 +113,9 @@ impl<'a> FlowEngine<'a> {
         let (grid, cells) = (model.grid, model.grid.cells());
         // Half of the machine at most, so that the threads of the layers leave room for whatever is real time.
         let default = (system::cores() / 2).clamp(1, 4) as f64;
-        let bands = life.settings.number("fluid_threads", default, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
-        let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
+        let bands =
+            life.settings.number("fluid_threads", default, 1.0..=MAX_BANDS as f64, "a whole number from 1 to 8")? as usize;
+        let crew = Crew::new(Solver::new(model, bands.min(cells[2])).map_err(input)?)?;
         Ok(FlowEngine {
             life,
             crew,
