@@ -1,8 +1,17 @@
-//! Swaps, as an operator asks for them.
+//! Swaps, as an operator asks for them, and what one of the fluid must not lose.
 
-use crate::{RECOVERY_LIMIT, Station, hystation, run, wait_for};
+use crate::shown::not_shown;
+use crate::{Ended, RECOVERY_LIMIT, Station, hystation, run, wait_for};
+use hyst_messages::FluidStatus;
 use serde_json::Value;
 use std::path::Path;
+
+/// Two states of the fluid that are farther apart may have seen flows between them that neither names, ticks.
+const NEAR_TICKS: u64 = 200;
+/// How many times as fast as two states name it the deficit may go between them, and how far where they name nothing, ml: a scope of 5 mm that goes
+/// 5 mm into a full cavity.
+const MOST_TIMES: f64 = 5.0;
+const MOST_UNNAMED_ML: f64 = 0.1;
 
 /// Swaps; gives the exit code, and the record of what happened or what was said.
 pub fn swap(station: &Station, role: &str, binary: &Path) -> (Option<i32>, Value, String) {
@@ -18,4 +27,35 @@ pub fn swap(station: &Station, role: &str, binary: &Path) -> (Option<i32>, Value
 /// Whether a newcomer was rolled back because the machine left it no time to show what it is.
 pub fn got_no_time(record: &Value) -> bool {
     record["cause"] == "no-time"
+}
+
+/// Whether of two states of the fluid one was made by the example's engine, which says no step, and the other by the station's own.
+fn is_swapped(before: &FluidStatus, after: &FluidStatus) -> bool {
+    (before.step_ticks == 0) != (after.step_ticks == 0)
+}
+
+/// The deficit goes on from state to state as the flows that they name move it, from the station's own fluid to the example's too, and back: one that lost
+/// a part of it, or began anew, is seen by its jump.
+pub fn assert_deficit_goes_on(ended: &Ended) {
+    let recording = ended.recording.as_ref().unwrap_or_else(|error| panic!("{error}\n{}", ended.said));
+    let net_ml = |status: &FluidStatus| f64::from(status.inflow_ml_min - status.outflow_ml_min) / 60_000.0;
+    let (mut newest, mut swaps): (Option<&FluidStatus>, usize) = (None, 0);
+    for after in &recording.content.fluid {
+        if newest.is_some_and(|before| after.state_tick <= before.state_tick) {
+            continue;
+        }
+        let Some(before) = newest.replace(after) else { continue };
+        let ticks = after.state_tick - before.state_tick;
+        if ticks > NEAR_TICKS {
+            continue;
+        }
+        swaps += usize::from(is_swapped(before, after));
+        let gone_ml = after.deficit_ml - before.deficit_ml;
+        let named = [before, after].map(|status| gone_ml.signum() * net_ml(status) * ticks as f64);
+        let is_named = gone_ml.abs() <= MOST_TIMES * named.into_iter().fold(0.0, f64::max) + MOST_UNNAMED_ML;
+        assert!(is_named, "the deficit went by {gone_ml} ml: {before:?}, then {after:?}\n{}", ended.said);
+    }
+    if swaps == 0 {
+        not_shown("that a swap of the fluid loses nothing of the deficit: no states on both sides of one were recorded");
+    }
 }

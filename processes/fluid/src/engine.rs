@@ -23,7 +23,7 @@ use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::system;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_flow::{FlowModel, Grid, Medium, PumpModel, Solver, StateView};
+use hyst_flow::{FlowModel, Grid, MAX_BANDS, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
@@ -33,7 +33,7 @@ use std::cell::Cell;
 use std::path::Path;
 use tissues::Tissues;
 
-/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas, vessels that are coagulated.
+/// Sections of a fluid state: head, the solver's block, share of blood in each cell (x fastest), parcels of gas, vessels that are coagulated.
 const SECTIONS: usize = seals::SECTION + 1;
 
 /// The engine.
@@ -50,8 +50,9 @@ pub struct FlowEngine<'a> {
     instrument: Instrument,
     /// Where its lens looks in the step.
     gaze: Option<Gaze>,
-    /// It was said that the tissue does not close the cavity.
+    /// It was said that the tissue does not close the cavity, and that it leaves nothing of it.
     has_said_open: bool,
+    has_said_kept: bool,
     seed_m: [f32; 3],
     /// Step that the scene asks for, ticks.
     scene_ticks: u64,
@@ -113,8 +114,9 @@ impl<'a> FlowEngine<'a> {
         let (grid, cells) = (model.grid, model.grid.cells());
         // Half of the machine at most, so that the threads of the layers leave room for whatever is real time.
         let default = (system::cores() / 2).clamp(1, 4) as f64;
-        let bands = life.settings.number("fluid_threads", default, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
-        let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
+        let bands =
+            life.settings.number("fluid_threads", default, 1.0..=MAX_BANDS as f64, "a whole number from 1 to 8")? as usize;
+        let crew = Crew::new(Solver::new(model, bands.min(cells[2])).map_err(input)?)?;
         Ok(FlowEngine {
             life,
             crew,
@@ -127,6 +129,7 @@ impl<'a> FlowEngine<'a> {
             instrument: Instrument::of(scene),
             gaze: None,
             has_said_open: false,
+            has_said_kept: false,
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             scene_ticks: figures.period_ticks(),
             halvings,
@@ -152,8 +155,9 @@ impl<'a> FlowEngine<'a> {
         self.tissues.receive(self.life, self.step_ticks.get());
     }
 
-    /// Makes the walls from the tissue's newest state that can be, and finds what floats; without one all stays as it is, at rest. Walls move if the state is a
-    /// newer one than that of the step before, `last_tick`, of which the fluid's mask was `before`. Gives the tick of the state that they are of.
+    /// Makes the walls from the tissue's newest state that can be, and finds what floats; without one, and where it leaves nothing of the cavity, the walls
+    /// stay as they are, at rest. They move if the state is newer than that which they were made from, of `last_tick`; the fluid's mask was `before`.
+    /// Gives the tick of the state that they are of now: walls that stay grow old.
     fn update_walls(&mut self, last_tick: u64, before: &[u8]) -> Result<u64, Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         self.receive();
@@ -166,7 +170,8 @@ impl<'a> FlowEngine<'a> {
         self.pieces.set_objects(topology.section(0)?);
         let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
         self.cavity.go_on_from(before);
-        if self.cavity.update(&tissue, is_wall, self.seed_m) {
+        let tick = state.header().tick;
+        let walls_tick = if self.cavity.update(&tissue, is_wall, self.seed_m) {
             let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
             self.flaws |= flaws_of(set.map_err(broken)?, self.cavity.is_open());
             if !self.has_said_open && self.cavity.is_open() {
@@ -175,9 +180,15 @@ impl<'a> FlowEngine<'a> {
                     "the tissue does not close the cavity: medium reaches the side of the fluid's box, which is a wall to it",
                 );
             }
+            tick
         } else {
             self.flaws |= WALLS_KEPT;
-        }
+            if !std::mem::replace(&mut self.has_said_kept, true) {
+                self.life
+                    .say(&format!("the tissue leaves nothing of the cavity: its walls stay as they were at tick {last_tick}"));
+            }
+            last_tick
+        };
         self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
@@ -185,7 +196,7 @@ impl<'a> FlowEngine<'a> {
         self.wounds.locate(state.section(3)?);
         self.holes.locate(state.section(3)?);
         self.seals.settle(self.wounds.vessels());
-        Ok(state.header().tick)
+        Ok(walls_tick)
     }
 
     /// A status that also says the step and the grid.

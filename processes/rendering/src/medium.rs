@@ -1,4 +1,4 @@
-//! Blood and gas in the cavity, and how the medium flows, from the Flow Engine's state: its grid, the optical density of each cell, the parcels of gas,
+//! Blood and gas in the cavity, and how the medium flows, from the Flow Engine's state: its grid, the share of blood in each cell, the parcels of gas,
 //! the solver's velocities, read in place; and the vessels that are coagulated.
 //!
 //! Promise: a clear medium costs no pass over the picture; a grid whose numbers contradict each other is refused.

@@ -47,6 +47,13 @@ pub fn target(name: &str, value: f64, limit: f64, at_least: bool) -> Value {
     json!({ "arm": "target", "name": name, "value": value, "bound": bound, "limit": limit, "held": held })
 }
 
+/// A row for a target of which this machine can show nothing: neither held nor missed.
+pub fn unjudged(name: &str, limit: f64, at_least: bool) -> Value {
+    let mut row = target(name, f64::NAN, limit, at_least);
+    row["held"] = Value::Null;
+    row
+}
+
 /// The end of a benchmark: prints its rows, the targets as lines of their own, or says why there are none. Exit code 1 if a target is missed, 2 for a bad
 /// input.
 pub fn finish(program: &str, json: bool, rows: Result<Vec<Value>, String>) -> ExitCode {
@@ -76,9 +83,10 @@ fn misses_a_target(rows: &[Value]) -> bool {
 /// A target for people.
 fn line(target: &Value) -> String {
     let text = |key: &str| target[key].as_str().unwrap_or_default().to_owned();
-    let number = |key: &str| target[key].as_f64().unwrap_or(f64::NAN);
-    let held = if target["held"] == true { "held" } else { "NOT HELD" };
-    format!("{:<72} {:>10.3}  {} {:>7}  {held}", text("name"), number("value"), text("bound"), number("limit"))
+    let value = target["value"].as_f64().map_or("-".to_string(), |value| format!("{value:.3}"));
+    let limit = target["limit"].as_f64().unwrap_or(f64::NAN);
+    let held = target["held"].as_bool().map_or("not judged", |held| if held { "held" } else { "NOT HELD" });
+    format!("{:<72} {value:>10}  {} {limit:>7}  {held}", text("name"), text("bound"))
 }
 
 /// Quantiles of samples, each divided by `unit_ns`; the samples are sorted on the way. Zeros without samples.
@@ -164,5 +172,7 @@ mod tests {
             assert!(line(&missed).ends_with("NOT HELD"), "{missed}");
             assert!(misses_a_target(&[rows[0].clone(), missed]));
         }
+        let never = unjudged("many cores", 2.0, true);
+        assert!(line(&never).ends_with("not judged") && !misses_a_target(&[rows[0].clone(), never]), "neither held nor missed");
     }
 }

@@ -119,7 +119,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "auto or always: ask the collision workers where that takes less time than to test alone, which is tried now and then, or in each step \
          (default auto; in lock-step and in test mode always)",
     ),
-    ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
+    ("fluid_threads", "1 to 8: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
     ("sound", "on or off: the terminal's bell when a warning of the case or an alarm of the pump begins (default on)"),
     ("console", "on or off: the operator's page in a browser (default on)"),
     ("console_port", "0 to 65535: port of that page on 127.0.0.1, 0 for any (default 8642; if it is taken, any)"),

@@ -20,8 +20,8 @@ const INNER_STEP_S: f64 = 0.005;
 const MOST_DISPLACED_ML: f32 = 100.0;
 /// No pressure above this goes to the tissue, Pa (300 mmHg): an instrument that comes into a shut cavity meets a way past it, or through the tubes, before.
 pub(crate) const MOST_PA: f64 = 40_000.0;
-/// A set pressure so little above the range is its upper end, rounded, Pa.
-const ROUNDING_PA: f64 = 1.0;
+/// A set pressure so little above the range is its upper end, rounded, Pa: 150 mmHg are 19 998.3 Pa, and a scene says 20 kPa for them.
+const ROUNDING_PA: f64 = 2.0;
 /// Bisections per inner step: 2⁻⁵⁰ of the bracket is beyond what f64 volumes show.
 pub(crate) const BISECTIONS: usize = 50;
 

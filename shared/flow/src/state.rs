@@ -184,6 +184,17 @@ impl<'a> StateView<'a> {
     pub fn velocity_m_s(&self, axis: usize) -> &'a [f32] {
         self.field(axis.min(2))
     }
+    /// What leaves a cell of the grid beyond what comes into it, in volumes of the cell per second: the divergence of the velocity on its six faces.
+    pub fn divergence_per_s(&self, cell: usize) -> f64 {
+        let ([nx, ny, nz], spacing_m) = (self.grid.cells(), self.grid.spacing_m());
+        let (at, strides) = ([cell % nx, cell / nx % ny, cell / (nx * ny)], [1, nx, nx * ny]);
+        let along = |axis: usize| {
+            let (faces, is_last) = (self.velocity_m_s(axis), at[axis] + 1 == [nx, ny, nz][axis]);
+            let high = if is_last { 0.0 } else { faces[cell + strides[axis]] };
+            f64::from(high - faces[cell]) / f64::from(spacing_m[axis])
+        };
+        along(0) + along(1) + along(2)
+    }
     /// Pressure in the flow, Pa, with mean 0: added to the cavity's.
     pub fn pressure_pa(&self) -> &'a [f32] {
         self.field(3)

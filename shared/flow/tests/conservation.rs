@@ -2,30 +2,33 @@
 
 mod scene;
 
-use hyst_flow::{FlowInputs, Solver, StateView, StepReport, Way};
+use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Solver, StateView, StepReport, Way};
 
-/// Largest |∇·v| over fluid cells that are no source, from the state's own faces, and the largest speed.
-fn divergence(view: &StateView<'_>, solid: impl Fn(usize) -> bool) -> (f64, f64) {
-    let [nx, ny, nz] = view.grid().cells();
-    let h = view.grid().spacing_m();
-    let strides = [1, nx, nx * ny];
-    let n = [nx, ny, nz];
-    let (mut worst, mut speed) = (0.0f64, 0.0f64);
-    for c in 0..nx * ny * nz {
-        if solid(c) {
-            continue;
-        }
-        let at = [c % nx, c / nx % ny, c / (nx * ny)];
-        let mut sum = 0.0;
-        for axis in 0..3 {
-            let v = view.velocity_m_s(axis);
-            let high = if at[axis] + 1 < n[axis] { v[c + strides[axis]] } else { 0.0 };
-            sum += f64::from(high - v[c]) / f64::from(h[axis]);
-            speed = speed.max(f64::from(v[c].abs()));
-        }
-        worst = worst.max(sum.abs());
+/// Largest speed on the low faces of some cells, m/s.
+fn speed_m_s(view: &StateView<'_>, cells: &[usize]) -> f64 {
+    let along = |axis: usize| cells.iter().map(move |c| f64::from(view.velocity_m_s(axis)[*c].abs()));
+    (0..3).flat_map(along).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_divergence_of_a_cell_is_that_of_its_six_faces() {
+    let solver = Solver::new(FlowModel::new(Grid::new([4, 4, 4], [1e-3, 2e-3, 4e-3], [0.0; 3]).unwrap()), 1).unwrap();
+    let on_low_faces = |given: &[(usize, f32)]| {
+        let mut field = vec![0.0; 64];
+        given.iter().for_each(|(cell, v)| field[*cell] = *v);
+        field
+    };
+    // Of cell (1, 0, 0) the low and the high face along x, the high ones along y and z, which are those of (1, 1, 0) and (1, 0, 1).
+    solver.set_velocity_m_s(0, &on_low_faces(&[(1, 0.002), (2, 0.005), (3, 0.001)])).unwrap();
+    solver.set_velocity_m_s(1, &on_low_faces(&[(5, 0.01)])).unwrap();
+    solver.set_velocity_m_s(2, &on_low_faces(&[(17, 0.02)])).unwrap();
+    let block = scene::state(&solver);
+    let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
+    // The high face of (3, 0, 0) is on the grid's side.
+    for (cell, by_hand) in [(1, 3.0 + 5.0 + 5.0), (2, -4.0), (3, -1.0), (5, -5.0), (17, -5.0), (40, 0.0)] {
+        let found = view.divergence_per_s(cell);
+        assert!((found - by_hand).abs() < 1e-5, "cell {cell}: {found} 1/s, by hand {by_hand}");
     }
-    (worst, speed)
 }
 
 #[test]
@@ -45,14 +48,89 @@ fn velocity_is_free_of_divergence_after_each_step() {
         assert!(report.residual_relative <= 1e-4, "step {step}: {report:?}");
         let block = scene::state(&solver);
         let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
-        let (worst, speed) = divergence(&view, |c| view.mask()[c] != 0);
+        let cells: Vec<usize> = (0..view.mask().len()).filter(|c| view.mask()[*c] == 0).collect();
+        let speed = speed_m_s(&view, &cells);
+        let worst = cells.iter().map(|c| view.divergence_per_s(*c).abs()).fold(0.0, f64::max);
         let h = f64::from(view.grid().spacing_m()[0]);
         assert!(speed > 1e-4, "the flow still moves: {speed}");
+        // The noise has a divergence of 1.4 u/h in the root mean square. The solve leaves 1e-4 of that, and in the worst of ten thousand cells some
+        // times as much; in the steps after it only what has changed is left to solve.
         assert!(worst < 1e-3 * speed / h, "step {step}: divergence {worst} 1/s at {speed} m/s");
         if step > 0 {
             assert!(worst < 1e-4 * speed / h, "step {step}: divergence {worst} 1/s at {speed} m/s");
         }
     }
+}
+
+/// What comes into being in each cell in the step that a state is of, 1/s: what flows through a mouth comes evenly into its cells.
+fn sources_per_s(view: &StateView<'_>, is_fluid: impl Fn(usize) -> bool, inputs: &FlowInputs, mouths_ml_s: [f64; 3]) -> Vec<f64> {
+    let (grid, [nx, ny, _]) = (view.grid(), view.grid().cells());
+    let [in_ml_s, out_ml_s, bled_ml_s] = mouths_ml_s;
+    let ports = inputs.ports.iter().filter(|port| port.share > 0.0);
+    let ports = ports.map(|port| (port.centre_m, port.radius_m, if port.inflow { in_ml_s } else { -out_ml_s }));
+    let open: f32 = inputs.blood.iter().map(|vessel| vessel.opening).sum();
+    // A vessel that is open bleeds within 2 mm.
+    let vessels = inputs
+        .blood
+        .iter()
+        .filter(|vessel| vessel.opening > 0.0)
+        .map(|vessel| (vessel.position_m, 2e-3 * vessel.opening.sqrt(), bled_ml_s * f64::from(vessel.opening / open)));
+    let mut per_s = vec![0.0; grid.cell_count()];
+    for (centre_m, radius_m, flow_ml_s) in ports.chain(vessels) {
+        let is_within = |c: &usize| {
+            let place_m = grid.centre_m([c % nx, c / nx % ny, c / (nx * ny)]);
+            let distance2: f32 = (0..3).map(|a| (place_m[a] - centre_m[a]).powi(2)).sum();
+            distance2 <= radius_m * radius_m
+        };
+        let cells: Vec<usize> = (0..per_s.len()).filter(|c| is_fluid(*c)).filter(is_within).collect();
+        cells.iter().for_each(|c| per_s[*c] += flow_ml_s * 1e-6 / (grid.cell_volume_m3() * cells.len() as f64));
+    }
+    per_s
+}
+
+/// With pump, jet, bleeding, sheath, loop and walls that breathe a cell keeps the divergence that its sources give it, less what widens all cells
+/// alike. The solve ends at 1e-4 of the right side, both as roots of the sum of squares; a jet makes that of the right side some six times u/h (48 1/s
+/// in each of 31 cells, 118 1/s above and below them, at 0.18 m/s in cells of 1.5 mm), so that no cell is left with 1e-3 of u/h.
+#[test]
+fn with_everything_running_nothing_is_left_of_the_divergence_but_that_of_the_sources() {
+    let solver = scene::cavity([32, 32, 18], 2);
+    let (grid, mask) = (solver.model().grid, scene::ellipsoid(solver.model().grid));
+    let [nx, ny, _] = grid.cells();
+    let mut most = 0.0f64;
+    for step in 0..120 {
+        let breath_per_s = 0.2 * (0.1 * step as f32).sin();
+        let wall_m_s = |c: usize| grid.centre_m([c % nx, c / nx % ny, c / (nx * ny)]).map(|x_m| breath_per_s * x_m);
+        solver.set_walls(&mask, &(0..mask.len()).map(wall_m_s).collect::<Vec<_>>()).unwrap();
+        let mut inputs = scene::inputs(step);
+        let ([x, y, z], velocity_m_s) = (inputs.ports[0].centre_m, inputs.tools[0].velocity_b_m_s);
+        inputs.wires[0] = Capsule {
+            a_m: [x - 3e-3, y, z],
+            b_m: [x + 3e-3, y, z],
+            radius_m: 0.2e-3,
+            velocity_a_m_s: velocity_m_s,
+            velocity_b_m_s: velocity_m_s,
+        };
+        let bled_ml = solver.counters().unwrap().0.bled_ml;
+        let report = solver.step_serial(&inputs).unwrap();
+        assert_eq!((report.unconverged, report.components, report.blind_ports), (false, 1, 0), "step {step}: {report:?}");
+        let block = scene::state(&solver);
+        let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
+        // In the cells of walls and tool there is no pressure.
+        let is_fluid = |c: usize| view.pressure_pa()[c] != 0.0;
+        let bled_ml_s = (view.pump().bled_ml - bled_ml) / f64::from(inputs.dt_s);
+        let pump = report.pump;
+        let mouths_ml_s = [pump.in_ml_s + pump.beat.in_ml_s, pump.out_ml_s + pump.beat.out_ml_s, bled_ml_s];
+        let sources_per_s = sources_per_s(&view, is_fluid, &inputs, mouths_ml_s);
+        assert!(mouths_ml_s[0] > 0.1 && bled_ml_s > 0.1, "step {step}: it flows and bleeds: {mouths_ml_s:?} ml/s");
+        let cells: Vec<usize> = (0..mask.len()).filter(|c| is_fluid(*c)).collect();
+        let left_per_s: Vec<f64> = cells.iter().map(|c| sources_per_s[*c] - view.divergence_per_s(*c)).collect();
+        let mean_per_s = left_per_s.iter().sum::<f64>() / cells.len() as f64;
+        let worst_per_s = left_per_s.iter().map(|left| (left - mean_per_s).abs()).fold(0.0, f64::max);
+        let largest_per_s = speed_m_s(&view, &cells) / f64::from(grid.spacing_m()[0]);
+        most = most.max(worst_per_s / largest_per_s);
+        assert!(worst_per_s < 1e-3 * largest_per_s, "step {step}: {worst_per_s} 1/s are left, u/h is {largest_per_s} 1/s");
+    }
+    println!("{most:.1e} of u/h are left at most");
 }
 
 #[test]

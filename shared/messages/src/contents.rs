@@ -171,13 +171,13 @@ pub static CONTENTS: [Content; 8] = [
     Content {
         kind: Kind::FluidState,
         when: "each step, by default of 33 ticks, more where the machine affords no more; by whom, as of the tissue's",
-        header: "step_ticks",
+        header: "step_ticks; input_tick: the tissue's state that its walls are of",
         readers: &[Role::Rendering],
         refused: "as of the tissue's; by the next fluid also: another grid, a number that is none, a status of another tick. Sections 3 and 4 may be left out",
         sections: &[
             records("Head", "processes/fluid/src/status.rs", 272, "1", "FluidStatus, which the judge reads, then the grid"),
             numbers("u8", 1, "bytes of the solver", "the engine's own; of hyst-flow, a StateView"),
-            numbers("f32", 4, "cells", "optical density of the blood, x fastest"),
+            numbers("f32", 4, "cells", "share of blood in the medium, 0 to 1, x fastest"),
             records("Particle", "shared/flow/src/blood.rs", 16, "256", "parcels of gas: place, m, and volume, ml"),
             records(
                 "SealRecord",

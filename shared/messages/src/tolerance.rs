@@ -56,8 +56,8 @@ const TISSUE: [Field; 3] = [
     Field { section: 2, what: "velocities", unit: "m/s", most: 0.2, is_mean: true },
     Field { section: 3, what: "surface", unit: "m", most: 5e-4, is_mean: false },
 ];
-/// Optical density of the cells.
-const FLUID: [Field; 1] = [Field { section: 2, what: "optical density", unit: "", most: 0.05, is_mean: true }];
+/// Blood in the medium of the cells.
+const FLUID: [Field; 1] = [Field { section: 2, what: "share of blood", unit: "", most: 0.05, is_mean: true }];
 /// Of the pump's figures: Pa, a tenth of what distends the cavity; ml; ml/min, a tenth of the pump's range.
 const MOST_PRESSURE_PA: f64 = 1_000.0;
 const MOST_VOLUME_ML: f64 = 2.0;

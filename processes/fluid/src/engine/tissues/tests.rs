@@ -9,12 +9,15 @@ use hyst_exchange::usher::{Arrival, Inbox, Port, usher};
 use hyst_exchange::{Links, OwnedPage, Publisher, Station};
 use hyst_messages::page::hardware;
 use hyst_messages::stream::{change_header, message_bytes};
-use hyst_messages::{HardwareSample, MessageMut, Slot, StreamHeader};
+use hyst_messages::{HardwareSample, MessageMut, Slot, StreamHeader, WALLS_KEPT};
 
 const KINDS: [Kind; 2] = [Kind::TissueState, Kind::Topology];
 /// Sections of a state of one node and one vertex, and of a topology of nothing.
 const STATE: [usize; 4] = [8, 12, 12, 12];
 const TOPOLOGY: [usize; 8] = [0; 8];
+/// Those of one tet.
+const STATE_OF_A_TET: [usize; 4] = [8, 48, 48, 12];
+const TOPOLOGY_OF_A_TET: [usize; 8] = [0, 16, 4, 0, 0, 0, 0, 48];
 /// One that cannot be: it has a mark for a vertex that it lacks.
 const UNFIT: [usize; 8] = [0, 0, 0, 0, 0, 0, 4, 0];
 /// Incarnations of the holder of the tissue's role and of its spare.
@@ -49,7 +52,8 @@ fn on_a_bench(body: impl FnOnce(&Bench, &Station)) {
         let links = Links::join(&station, "test").unwrap();
         let each = |tissue: u32| KINDS.map(|kind| links.create_service(Role::Tissue, tissue, kind).unwrap());
         let _services = [HOLDER, SPARE].map(each);
-        let writer = |tissue: u32, kind: Kind| links.publisher(Role::Tissue, tissue, kind, message_bytes(&STATE)).unwrap();
+        let writer =
+            |tissue: u32, kind: Kind| links.publisher(Role::Tissue, tissue, kind, message_bytes(&STATE_OF_A_TET)).unwrap();
         let writers = [HOLDER, SPARE].map(|tissue| KINDS.map(|kind| writer(tissue, kind)));
         body(&Bench { keeping, life, writers, _services, links }, &station);
     }
@@ -96,6 +100,28 @@ impl Bench {
         let header = StreamHeader { topology_version: version, ..StreamHeader::default() };
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::Topology, header, &sections).unwrap();
         (0..sections.len()).for_each(|index| message.section::<u8>(index).unwrap().fill(0));
+        loan.send().unwrap();
+    }
+
+    /// Of the first tissue: the topology of one tet, which is held.
+    fn send_topology_of_a_tet(&self) {
+        let mut loan = self.writers[0][1].loan(message_bytes(&TOPOLOGY_OF_A_TET)).unwrap();
+        let header = StreamHeader { topology_version: 1, ..StreamHeader::default() };
+        let mut message = MessageMut::format(loan.bytes_mut(), Kind::Topology, header, &TOPOLOGY_OF_A_TET).unwrap();
+        (0..TOPOLOGY_OF_A_TET.len()).for_each(|index| message.section::<u8>(index).unwrap().fill(0));
+        message.section::<[u32; 4]>(1).unwrap()[0] = [0, 1, 2, 3];
+        loan.send().unwrap();
+    }
+
+    /// Of the first tissue: a state in which that has a corner at (x, x, x), from where its edges go so far along the axes.
+    fn send_tet(&self, tick: u64, [x_m, edge_m]: [f32; 2]) {
+        let mut loan = self.writers[0][0].loan(message_bytes(&STATE_OF_A_TET)).unwrap();
+        let header = StreamHeader { tick, epoch: 1, incarnation: HOLDER, topology_version: 1, ..StreamHeader::default() };
+        let mut message = MessageMut::format(loan.bytes_mut(), Kind::TissueState, header, &STATE_OF_A_TET).unwrap();
+        (0..STATE_OF_A_TET.len()).for_each(|index| message.section::<u8>(index).unwrap().fill(0));
+        let corners_m = message.section::<[f32; 3]>(1).unwrap();
+        corners_m.fill([x_m; 3]);
+        (0..3).for_each(|axis| corners_m[axis + 1][axis] += edge_m);
         loan.send().unwrap();
     }
 
@@ -199,6 +225,31 @@ fn a_state_in_use_keeps_its_topology_when_the_next_one_comes_first() {
         assert_eq!(look(165), (165, 11));
         bench.send_topology(0, 12, UNFIT);
         assert_eq!((look(165), bench.refused()), ((165, 11), 1));
+    });
+}
+
+/// They passed for those of the state that left nothing of the cavity, and never grew old.
+#[test]
+fn walls_that_are_kept_are_as_old_as_the_state_that_they_were_made_from() {
+    on_a_bench(|bench, _| {
+        let mut engine = FlowEngine::new(&bench.life).unwrap();
+        engine.tissues = bench.tissues();
+        bench.send_topology_of_a_tet();
+        let all_fluid = vec![0; engine.crew.solver().model().grid.cell_count()];
+        let mut walls_tick = 0;
+        let mut after = |tick: u64, tet: [f32; 2]| {
+            bench.has_stepped(tick);
+            bench.send_tet(tick, tet);
+            engine.flaws = 0;
+            walls_tick = engine.update_walls(walls_tick, &all_fluid).unwrap();
+            (walls_tick, engine.flaws & WALLS_KEPT != 0)
+        };
+        // Metres away from the fluid's box, and so large that the box lies in it.
+        let (away, over_all) = ([5.0, 1.0], [-1.0, 5.0]);
+        assert_eq!(after(33, away), (33, false));
+        assert_eq!(after(66, over_all), (33, true), "those of before");
+        assert_eq!(after(99, over_all), (33, true), "and they grow old");
+        assert_eq!(after(132, away), (132, false));
     });
 }
 
