@@ -80,9 +80,10 @@ fn wound(r: &mut Renderer, is_whole: bool) -> View {
     r.stage().set_object(CAVITY, mesh).expect("a sound mesh");
     put(r, POLYP, &shapes::ball([-0.004, -0.003, 0.030], 0.0025, 16, 24), Material::Polyp);
     // Twice as wide as the largest about a vessel, so that they fill blocks of the picture.
-    let spots_m = [[0.003, -0.0063, 0.024, 0.004], [-0.003, -0.0062, 0.022, 0.004], [-0.0034, -0.0025, 0.0276, 0.004]];
+    let all_m = [[0.003, -0.0063, 0.024, 0.004], [-0.003, -0.0062, 0.022, 0.004], [-0.0034, -0.0025, 0.0276, 0.004]];
+    let spots_m: &[[f32; 4]] = if is_whole { &all_m } else { &[] };
     for id in [CAVITY, POLYP] {
-        r.stage().set_spots(id, if is_whole { &spots_m } else { &[] }).expect("it is there");
+        r.stage().set_spots(id, spots_m).expect("it is there");
     }
     through_scope()
 }
