@@ -115,7 +115,7 @@ pub enum Camera {
 pub struct View {
     /// where from
     pub camera: Camera,
-    /// light at the tip: 1 is full
+    /// light of the lamp at the tip, or from outside of the one there: 1 is full
     pub light: f32,
     /// exposure compensation, 1 is what the camera head meters
     pub gain: f32,

@@ -1,5 +1,5 @@
-//! How the objects look, asked for by rendezvous on request: when a topology is new. Rendering never waits for the answer; until it comes,
-//! and if it never comes, the usual looks of the objects' kinds are drawn.
+//! How the objects look, asked for by rendezvous on request: when a topology is new, and again if the answer is of another one. Rendering never waits for
+//! it; until it comes, and if it never comes, the usual looks of the objects' kinds are drawn.
 
 use crate::sources::REPLICAS;
 use hyst_exchange::rendezvous::{Client, ProcessClient};
@@ -8,6 +8,9 @@ use rendering::{Appearance, Material};
 
 /// How long one tissue is waited for before the other is asked, ns.
 const PATIENCE_NS: u64 = 500_000_000;
+/// Answers of another topology that are asked again: one a picture, for a second of the fastest ones. A tissue that follows has made the world of a cut by
+/// then, and who never names the topology that is shown is left alone until the next one.
+const MOST_OTHERS: usize = 250;
 /// Most objects in an answer.
 const MAX_RECORDS: usize = rendering::MAX_OBJECTS;
 
@@ -25,6 +28,8 @@ pub struct Looks {
     wanted: bool,
     /// Answers since then that made no sense: each tissue is believed to be able to give another one, and asked no more than that.
     senseless: usize,
+    /// Answers since then that were of another topology.
+    others: usize,
     asked: Option<usize>,
     last: usize,
     until_ns: u64,
@@ -73,7 +78,14 @@ pub fn appearance(record: &AppearanceRecord) -> Appearance {
 impl Looks {
     /// The looks are needed, again.
     pub fn want(&mut self) {
-        (self.wanted, self.asked, self.senseless) = (true, None, 0);
+        (self.wanted, self.asked, self.senseless, self.others) = (true, None, 0, 0);
+    }
+
+    /// The answer was of objects of another topology than is shown: that of a tissue which has not made the world of the last cut yet, or has made that of the
+    /// next one already. The next tissue is asked.
+    pub fn want_others(&mut self) {
+        self.others += 1;
+        self.wanted |= self.others <= MOST_OTHERS;
     }
 
     /// A tissue, or its successor.
@@ -146,6 +158,21 @@ mod tests {
         }
         looks.want();
         assert_eq!((looks.take(good.clone(), 8).ok(), looks.wanted), (good, false));
+    }
+
+    #[test]
+    fn answers_of_another_topology_are_asked_again_for_a_time() {
+        let answer = Some((ScopeRecord::default(), Vec::new()));
+        let mut looks = Looks::default();
+        looks.want();
+        assert_eq!(looks.take(None, 7), Err(Senseless(7)), "one of the tissues lies");
+        for other in 1..=MOST_OTHERS + 1 {
+            assert!(looks.take(answer.clone(), 8).is_ok() && !looks.wanted);
+            looks.want_others();
+            assert_eq!((looks.wanted, looks.senseless), (other <= MOST_OTHERS, 1), "{other}");
+        }
+        looks.want();
+        assert_eq!((looks.wanted, looks.others), (true, 0), "another topology is shown");
     }
 
     #[test]

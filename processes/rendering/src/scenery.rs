@@ -261,9 +261,13 @@ impl Scenery {
         Ok(uploaded)
     }
 
-    /// Gives scope and objects the looks that the tissue has answered with; what is not on the stage any more is left out.
-    pub fn dress(&mut self, stage: &mut Stage, scope: ScopeRecord, records: &[AppearanceRecord]) -> Result<(), RenderError> {
+    /// Gives scope and objects the looks that the tissue has answered with; what is not on the stage any more is left out. Of objects of another topology none
+    /// is taken, and false given: there a piece may have the number that an instrument has here, or the other way about.
+    pub fn dress(&mut self, stage: &mut Stage, scope: ScopeRecord, records: &[AppearanceRecord]) -> Result<bool, RenderError> {
         self.instrument.dress(stage, scope)?;
+        if !records.iter().all(|record| self.has_number_of(record)) {
+            return Ok(false);
+        }
         for record in records {
             let is_tool = self.tools.contains(&(record.id as u64));
             let look = Appearance { external_only: is_tool, ..looks::appearance(record) };
@@ -272,83 +276,14 @@ impl Scenery {
             }
             let _ = stage.set_appearance(if is_tool { TOOL } else { record.id as u64 }, look);
         }
-        Ok(())
+        Ok(true)
+    }
+
+    /// Whether what is on the stage has its numbers from the topology that a look is of; of a writer who does not say which that is, from any.
+    fn has_number_of(&self, record: &AppearanceRecord) -> bool {
+        self.topology.is_some_and(|(_, known)| [0, known].contains(&record.topology_version))
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn record(id: u32, kind: u32, vertices: [u32; 2], triangles: [u32; 2]) -> ObjectRecord {
-        ObjectRecord { id, kind, vertices, triangles, ..ObjectRecord::default() }
-    }
-
-    #[test]
-    fn each_objects_triangles_are_numbered_from_its_own_first_vertex_and_tools_have_none() {
-        let records = [record(0, 0, [0, 4], [0, 1]), record(1, 1, [4, 3], [1, 1]), record(2, RIGID_TOOL, [7, 0], [2, 0])];
-        let parts = parts(&records, &[[0, 2, 3], [4, 6, 5]], 7).unwrap();
-        assert_eq!(parts.len(), 2);
-        assert_eq!((parts[1].id, parts[1].kind, parts[1].vertices.clone()), (1, 1, 4..7));
-        assert_eq!((&parts[0].triangles[..], &parts[1].triangles[..]), (&[[0, 2, 3]][..], &[[0, 2, 1]][..]));
-    }
-
-    /// Each cut anywhere had every object made anew, the whole organ with them.
-    #[test]
-    fn what_a_cut_elsewhere_has_left_as_it_was_is_known_again_and_another_corner_place_or_wound_is_not() {
-        let (triangles, raw): ([[u32; 3]; 2], [u32; 4]) = ([[0, 1, 2], [0, 2, 3]], [0; 4]);
-        let rest_m: [[f32; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let print = print_of(&triangles, &rest_m, &raw);
-        assert_eq!(print, print_of(&[[0, 1, 2], [0, 2, 3]], &rest_m, &[0; 4]));
-        let (mut turned, mut moved_m) = (triangles, rest_m);
-        turned[1] = [0, 3, 2];
-        moved_m[3][2] = 1.001;
-        assert_ne!(print, print_of(&turned, &rest_m, &raw));
-        assert_ne!(print, print_of(&triangles, &moved_m, &raw));
-        assert_ne!(print, print_of(&triangles, &rest_m, &[0, 0, 1, 0]));
-        assert_ne!(print_of(&[[0; 3]], &[], &[]), print_of(&[], &[[0.0; 3]], &[]), "the same bytes in another place");
-    }
-
-    #[test]
-    fn ranges_beyond_the_arrays_are_refused_by_name() {
-        let beyond = parts(&[record(3, 0, [5, 9], [0, 1])], &[[0, 1, 2]], 7).unwrap_err().to_string();
-        assert!(beyond.contains("object 3: vertices 5..5+9 of 7"), "{beyond}");
-        let huge = parts(&[record(3, 0, [0, 7], [u32::MAX, u32::MAX])], &[[0, 1, 2]], 7);
-        assert!(matches!(huge, Err(Refused::Range { what: "triangles", .. })));
-        let foreign = parts(&[record(3, 0, [4, 3], [0, 1])], &[[0, 5, 6]], 7).unwrap();
-        assert!(foreign[0].triangles[0][0] > 7, "a foreign corner must not be taken for an own one");
-    }
-
-    #[test]
-    fn a_corner_of_another_object_and_too_many_objects_are_found_before_anything_is_put_on_the_stage() {
-        let good = Part { id: 1, kind: 0, vertices: 0..3, triangles: vec![[0, 1, 2]] };
-        let bad = Part { id: 2, kind: 1, vertices: 3..6, triangles: vec![[0, 1, 2], [0, 1, 3]] };
-        let found = check_parts(&[good, bad], 4);
-        assert!(matches!(found, Err(RenderError::BadTriangle { object: 2, triangle: 1, vertex: 3, vertices: 3 })), "{found:?}");
-        let many: Vec<Part> = (0..250).map(|id| Part { id, kind: 1, vertices: 0..0, triangles: Vec::new() }).collect();
-        assert!(check_parts(&many, MAX_OBJECTS - 250).is_ok());
-        assert!(matches!(check_parts(&many, MAX_OBJECTS - 249), Err(RenderError::TooLarge { what: "objects", .. })));
-    }
-
-    #[test]
-    fn nothing_on_the_stage_has_the_id_of_something_else() {
-        let mut ids = [crate::instrument::IDS.as_slice(), &[BUBBLES, MOTES, CONTACTS, FORCE]].concat();
-        let all = ids.len();
-        ids.sort_unstable();
-        ids.dedup();
-        assert!(ids.len() == all && ids[0] == TOOL, "{ids:?}");
-    }
-
-    #[test]
-    fn the_first_refusal_of_each_row_is_news() {
-        let mut refusals = Refusals::default();
-        let said = [true, true, false, true, false].map(|refused| refusals.is_news(refused));
-        assert_eq!(said, [true, false, false, true, false]);
-    }
-
-    #[test]
-    fn a_vertex_that_is_not_finite_is_named() {
-        assert!(matches!(check_finite(&[[0.0; 3], [0.0, f32::NAN, 0.0]]), Err(Refused::NotFinite(1))));
-        assert!(check_finite(&[[0.0; 3]; 3]).is_ok());
-    }
-}
+mod tests;

@@ -37,8 +37,6 @@ pub enum Material {
     Polyp,
     /// a growth of muscle: pale, smooth and shining, with large vessels; what is cut of it whorls
     Myoma,
-    /// coagulated or cut tissue
-    Coagulated,
     /// scope, sheath, loop
     Metal,
     /// bubbles: balls within facets whose vertices have as places at rest those about the middle, in radii
@@ -71,21 +69,11 @@ impl Appearance {
             Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.30),
             Material::Polyp => ([0.76, 0.33, 0.28], 0.25),
             Material::Myoma => ([0.80, 0.52, 0.455], 0.25),
-            Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
             Material::Flake => ([0.95, 0.80, 0.74], 0.5),
         };
         Self { base_colour, material, roughness, external_only: false, glow: 0.0, eschar: 0.0 }
-    }
-
-    /// How charred it is drawn, 0..=1.
-    fn charred(&self) -> f32 {
-        match self.material {
-            Material::Coagulated => 0.55,
-            Material::Metal => share(self.eschar, 0.0),
-            _ => 0.0,
-        }
     }
 }
 
@@ -268,7 +256,6 @@ impl Stage {
             Material::MucosaTissue => (0.75, 0.50, 62.0, 1.0),
             Material::Polyp => (1.0, 0.24, 80.0, 0.25),
             Material::Myoma => (1.0, 0.24, 48.0, 0.0),
-            Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
             Material::Gas => (0.0, 0.0, 60.0, 0.0),
             Material::Flake => (0.0, 0.24, 80.0, 0.0),
@@ -280,13 +267,13 @@ impl Stage {
             _ => [0.0; 4],
         };
         let [r, g, b] = look.base_colour.map(|c| share(c, 0.5));
-        let (roughness, glow) = (share(look.roughness, 0.5), share(look.glow, 0.0));
+        let [glow, eschar] = [look.glow, look.eschar].map(|of_metal| share(of_metal, 0.0));
         let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
             model: self.world(object).to_cols_array_2d(),
             colour: [r, g, b, alpha],
-            surface: [roughness, frequency, vessels, bump],
-            extra: [whole, look.charred(), glow, glands],
+            surface: [share(look.roughness, 0.5), frequency, vessels, bump],
+            extra: [whole, eschar, glow, glands],
             mouths: object.mouths,
             shape,
             spots: object.spots,

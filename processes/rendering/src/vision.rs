@@ -157,6 +157,17 @@ fn lens_m(pose: &Pose) -> [f32; 3] {
     (glam::Vec3::from(pose.position_m) - LENS_BEHIND_M * axis).to_array()
 }
 
+/// The light and the camera head's gain by a sample: inside those of the scope's `lamp` as far as it is turned up, outside those of a lamp that nobody turns.
+/// `None` for as they were.
+fn lit(sample: Option<&HardwareSample>, lamp: f32, is_external: bool) -> Option<[f32; 2]> {
+    if is_external {
+        return Some([1.0; 2]);
+    }
+    let turned_up = sample?.controls.light.clamp(0.0, 1.0);
+    // The camera head makes up for less light, as far as it can without noise.
+    Some([turned_up * lamp, turned_up.sqrt()])
+}
+
 /// The optic as the device says that it is held and focused; where the device states no focus it is another one.
 fn held(optic: &ScopeRecord, sample: Option<&HardwareSample>, usual_focus_m: f32) -> Endoscope {
     let mut scope = Endoscope {
@@ -302,9 +313,9 @@ impl<'a> Vision<'a> {
         if let Some(sample) = sample {
             // The tool is on the stage from the start.
             let _ = self.scenery.instrument.hold(self.renderer.stage(), sample, hold_m);
-            self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.instrument.scope.light;
-            // The camera head makes up for less light, as far as it can without noise.
-            self.view.gain = sample.controls.light.clamp(0.0, 1.0).sqrt();
+        }
+        if let Some([light, gain]) = lit(sample, self.scenery.instrument.scope.light, self.switches.external) {
+            (self.view.light, self.view.gain) = (light, gain);
         }
         let scope = held(&self.scenery.instrument.scope, sample, self.usual_focus_m);
         self.focus_m = scope.focus_m;
@@ -340,6 +351,16 @@ impl<'a> Vision<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// With the scope's lamp turned down the organ was dark from outside as well.
+    #[test]
+    fn the_lamp_of_the_scope_lights_what_the_scope_sees_and_the_view_from_outside_has_one_of_its_own() {
+        let mut sample = HardwareSample::default();
+        sample.controls.light = 0.25;
+        let [inside, outside] = [false, true].map(|is_external| lit(Some(&sample), 0.5, is_external));
+        assert_eq!((inside, outside), (Some([0.125, 0.5]), Some([1.0, 1.0])));
+        assert_eq!([false, true].map(|is_external| lit(None, 0.0, is_external)), [None, Some([1.0, 1.0])]);
+    }
 
     #[test]
     fn the_picture_has_the_head_and_the_focus_of_the_sample_that_it_shows() {

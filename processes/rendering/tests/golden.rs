@@ -1,4 +1,4 @@
-//! Golden pictures: what the passes make of seven fixed stages, at a low resolution, beside what they made when somebody last looked at it.
+//! Golden pictures: what the passes make of eight fixed stages, at a low resolution, beside what they made when somebody last looked at it.
 //!
 //! Compared are the mean colours of blocks, within a tolerance: another driver, which rounds otherwise and puts an edge half a pixel aside, passes; a light
 //! that is off, a tool, a wound, a cloud that is missing does not. `HYSTATION_GOLDEN=write` writes the pictures anew, to be looked at before they are kept.
@@ -27,10 +27,11 @@ struct Still {
     set: fn(&mut Renderer, bool) -> View,
 }
 
-const STILLS: [Still; 7] = [
+const STILLS: [Still; 8] = [
     Still { name: "cavity", set: cavity },
     Still { name: "contact", set: contact },
     Still { name: "wound", set: wound },
+    Still { name: "myoma", set: myoma },
     Still { name: "blood", set: blood },
     Still { name: "chip", set: chip },
     Still { name: "external", set: external },
@@ -69,7 +70,7 @@ fn contact(r: &mut Renderer, is_whole: bool) -> View {
     through_scope()
 }
 
-/// A wound across the upper wall and a piece that is coagulated; or neither.
+/// A wound across the upper wall, and coagulated spots on the lower one and on a growth; or neither.
 fn wound(r: &mut Renderer, is_whole: bool) -> View {
     let shape = walls(r);
     let is_cut = |[x, y, z]: [f32; 3]| is_whole && y > 0.001 && x.abs() < 0.005 && (0.018..0.036).contains(&z);
@@ -77,8 +78,24 @@ fn wound(r: &mut Renderer, is_whole: bool) -> View {
     let appearance = Appearance::of(Material::MucosaTissue);
     let mesh = SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &raw, appearance };
     r.stage().set_object(CAVITY, mesh).expect("a sound mesh");
-    let burnt = if is_whole { Material::Coagulated } else { Material::Polyp };
-    put(r, POLYP, &shapes::ball([-0.004, -0.003, 0.030], 0.0025, 16, 24), burnt);
+    put(r, POLYP, &shapes::ball([-0.004, -0.003, 0.030], 0.0025, 16, 24), Material::Polyp);
+    // Twice as wide as the largest about a vessel, so that they fill blocks of the picture.
+    let all_m = [[0.003, -0.0063, 0.024, 0.004], [-0.003, -0.0062, 0.022, 0.004], [-0.0034, -0.0025, 0.0276, 0.004]];
+    let spots_m: &[[f32; 4]] = if is_whole { &all_m } else { &[] };
+    for id in [CAVITY, POLYP] {
+        r.stage().set_spots(id, spots_m).expect("it is there");
+    }
+    through_scope()
+}
+
+/// A myoma that is laid open on one side; or a polyp that is whole in its place.
+fn myoma(r: &mut Renderer, is_whole: bool) -> View {
+    walls(r);
+    let growth = shapes::ball([0.001, -0.003, 0.030], 0.0045, 32, 48);
+    let raw: Vec<u32> = growth.positions_m.iter().map(|point| u32::from(is_whole && point[0] > 0.001)).collect();
+    let appearance = Appearance::of(if is_whole { Material::Myoma } else { Material::Polyp });
+    let mesh = SurfaceMesh { triangles: &growth.triangles, rest_m: &growth.positions_m, raw: &raw, appearance };
+    r.stage().set_object(POLYP, mesh).expect("a sound mesh");
     through_scope()
 }
 
@@ -124,7 +141,7 @@ fn oblique(r: &mut Renderer, is_whole: bool) -> View {
     walls(r);
     // At 34 and 37 of the 45 degrees between the line of sight and the rim.
     put(r, POLYP, &shapes::ball([0.006, 0.003, 0.024], 0.0015, 16, 24), Material::Polyp);
-    put(r, ARMS, &shapes::ball([-0.003, -0.001, 0.028], 0.0015, 16, 24), Material::Coagulated);
+    put(r, ARMS, &shapes::ball([-0.003, -0.001, 0.028], 0.0015, 16, 24), Material::Myoma);
     let optic = Endoscope { tip_m: [0.0, 0.0, 0.015], ..Endoscope::default() };
     let distortion = if is_whole { optic.distortion } else { [0.0; 2] };
     View::new(Camera::Endoscope(Endoscope { distortion, ..optic }))

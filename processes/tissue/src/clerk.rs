@@ -47,11 +47,15 @@ fn answer(world: &World) -> Vec<u8> {
         let origin = world.body.origin.get(object.id as usize)?;
         world.case.looks.get(*origin as usize).copied().flatten()
     };
-    let objects = appearance(&world.objects, look);
+    let objects = appearance(&world.objects, world.version, look);
     [bytemuck::bytes_of(&world.case.scope), bytemuck::cast_slice(&objects)].concat()
 }
 
-fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<Look>) -> Vec<AppearanceRecord> {
+fn appearance(
+    objects: &[ObjectRecord],
+    topology_version: u32,
+    look: impl Fn(&ObjectRecord) -> Option<Look>,
+) -> Vec<AppearanceRecord> {
     let one = |object: &ObjectRecord| {
         let (kind, colour, roughness) = match object.kind {
             kind if kind == ObjectKind::Pathology as u32 || kind == ObjectKind::FreePiece as u32 => (1, [0.76, 0.33, 0.28], 0.25),
@@ -62,7 +66,7 @@ fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<L
         let material = if kind == 1 && look.is_some_and(|look| look.myoma) { 2 } else { kind };
         let (colour, roughness) =
             look.map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
-        AppearanceRecord { id: object.id, material, colour, roughness, cut_age_ticks: 0, reserved: 0 }
+        AppearanceRecord { id: object.id, material, colour, roughness, cut_age_ticks: 0, topology_version }
     };
     objects.iter().map(one).collect()
 }
@@ -183,11 +187,12 @@ mod tests {
             (0..).zip(kinds).map(|(id, kind)| ObjectRecord { id, kind: kind as u32, ..ObjectRecord::default() }).collect();
         let materials = |myoma: Option<bool>| -> Vec<u32> {
             let look = myoma.map(|myoma| Look { colour: [0.25, 0.5, 0.75], roughness: 0.5, myoma });
-            appearance(&records, |_| look).iter().map(|record| record.material).collect()
+            appearance(&records, 7, |_| look).iter().map(|record| record.material).collect()
         };
         assert_eq!([None, Some(false)].map(materials), [[0, 1, 1, 3], [0, 1, 1, 3]]);
         assert_eq!(materials(Some(true)), [0, 2, 2, 3]);
-        let seen = appearance(&records, |_| Some(Look { colour: [0.25, 0.5, 0.75], roughness: 0.5, myoma: true }));
+        let seen = appearance(&records, 7, |_| Some(Look { colour: [0.25, 0.5, 0.75], roughness: 0.5, myoma: true }));
         assert_eq!((seen[1].colour, seen[1].roughness), ([0.25, 0.5, 0.75], 0.5));
+        assert!(seen.iter().all(|record| record.topology_version == 7), "whoever reads it knows of which world it is");
     }
 }

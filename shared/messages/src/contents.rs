@@ -209,7 +209,8 @@ pub static CONTENTS: [Content; 8] = [
         when: "on request, by rendezvous: the bytes alone, without a header and a table",
         header: "none",
         readers: &[Role::Rendering],
-        refused: "a length that is none, more than 272 objects, a scope out of bounds: the usual looks are drawn",
+        refused: "a length that is none, more than 272 objects, a scope out of bounds: the usual looks are drawn. Objects of another \
+                  topology_version than is shown, where one is said: asked again",
         sections: &[
             records("ScopeRecord", "shared/messages/src/looks.rs", size_of::<ScopeRecord>(), "1", "what the scope sees"),
             records(

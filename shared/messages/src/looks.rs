@@ -38,6 +38,7 @@ pub struct AppearanceRecord {
     pub roughness: f32,
     /// Age of the last cut on it, ticks; 0 if never cut.
     pub cut_age_ticks: u32,
-    /// Padding, zero.
-    pub reserved: u32,
+    /// Version of the topology in which the object has this number, as in [`crate::StreamHeader`]: when a piece comes free it takes the number that an
+    /// instrument had. 0 if the writer does not say.
+    pub topology_version: u32,
 }

@@ -29,7 +29,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped); of metal the crust 0..1 and glow 0..1; mouths of glands 0..1
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
     shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0, 1 if it is a myoma
     spots: array<vec4<f32>, 64>, // blanched by coagulation: rest position m, radius m, 0 behind the last
@@ -251,9 +251,6 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.35 * tube.rim * (1.0 - in.raw));
     albedo = mix(albedo, vec3<f32>(0.06, 0.008, 0.008), 0.94 * tube.pit * (1.0 - in.raw));
     albedo = albedo * laid_open.skin + laid_open.colour;
-    // coagulated: dry, yellow-white rim to brown-black core
-    let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
-    albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
     // contact coagulation: the lining blanches, within that the protein turns white, and in the middle, where it was hottest, there are crumbs of char
     let white = blanched(in.rest, fine.w + 0.9 * b1.w);
     albedo = mix(albedo, vec3<f32>(0.85, 0.58, 0.49), 0.80 * smoothstep(0.0, 0.50, white));
@@ -278,7 +275,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    var wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    var wet = (1.0 - o.surface.x) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
     if NO_WET { wet = 0.0; }
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);

@@ -128,12 +128,11 @@ impl Vision<'_> {
             }
         }
         match sources.looks.poll(system::now_ns()) {
-            Some(Ok((scope, records))) => {
-                let dressed = spared(self.scenery.dress(self.renderer.stage(), scope, &records))?;
-                if dressed.is_none() {
-                    self.life.page.add64(header::INVALID, 1);
-                }
-            }
+            Some(Ok((scope, records))) => match spared(self.scenery.dress(self.renderer.stage(), scope, &records))? {
+                Some(true) => {}
+                Some(false) => sources.looks.want_others(),
+                None => self.life.page.add64(header::INVALID, 1),
+            },
             Some(Err(Senseless(tissue))) => self.life.refuse(tissue, Distrust::Invalid),
             None => {}
         }

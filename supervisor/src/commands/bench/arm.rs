@@ -26,8 +26,8 @@ const START_NS: u64 = 40_000_000_000;
 const STOP_NS: u64 = 10_000_000_000;
 /// A station whose benchmark was killed ends by itself after this time and that of a window, s.
 const BOUND_S: u64 = 60;
-/// How long a first picture may take.
-const PICTURE_NS: u64 = 10_000_000_000;
+/// How long a first picture is waited for.
+pub const PICTURE_NS: u64 = 10_000_000_000;
 /// Between two looks for it.
 const PICTURE_LOOK_NS: u64 = 1_000_000;
 /// Between two looks at a station that starts or ends.
@@ -201,7 +201,8 @@ impl Running {
         Ok(probe::window(&mut viewer, &before, &after))
     }
 
-    /// Kills rendering, and waits for its successor's first picture; gives the time between, s, `None` if there is none in time.
+    /// Kills rendering, and waits for its successor's first picture; gives the time between, s. Where none comes that is as long as it was waited for: it took
+    /// longer still. `None` where the station cannot be looked at.
     fn kill_rendering(&mut self) -> Option<f64> {
         let slot = Slot::first(Role::Rendering);
         let mut viewer = Viewer::open(&self.place.0).ok()?;
@@ -211,10 +212,10 @@ impl Running {
             system::sleep_ns(PICTURE_LOOK_NS);
             let Some(page) = viewer.slot_page(slot).filter(|page| page.incarnation() != killed) else { continue };
             if page.cell(rendering::STATUS).is_some_and(|(_, status)| status.shown_tick > 0) {
-                return Some((system::now_ns() - begun_ns) as f64 * 1e-9);
+                break;
             }
         }
-        None
+        Some((system::now_ns() - begun_ns) as f64 * 1e-9)
     }
 
     /// Stops it as Ctrl-C does; gives its exit code and, if that is not 0, what it said.

@@ -216,6 +216,7 @@ pub fn judge(arms: &[Arm], on_default: bool) -> Vec<Target> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::arm::PICTURE_NS;
     use super::*;
     use hyst_messages::{LATENCY_BUCKETS, RenderingStatus, bucket_of_ns};
 
@@ -296,6 +297,7 @@ mod tests {
         assert_eq!((of("motion", 40, None), of("motion", 80, None)), (Some(true), Some(false)));
         let back = |back_s: Option<f64>| of("rendering killed", 40, back_s);
         assert_eq!((back(Some(0.4)), back(Some(0.6)), back(None)), (Some(true), Some(false), None));
+        assert_eq!(back(Some(PICTURE_NS as f64 * 1e-9)), Some(false), "it never came back");
     }
 
     #[test]
