@@ -83,7 +83,7 @@ mod tests {
         station.found().unwrap();
         let writer = |role: Role, bytes: usize| CheckpointWriter::open(&station, Slot::first(role), bytes).unwrap();
         let (tissue, fluid) = (writer(Role::Tissue, 100), writer(Role::Fluid, 1_500_000));
-        assert!(tissue.write(1, 90, &[1; 24], true) && fluid.write(1, 96, &[2].repeat(1_500_000), true));
+        assert!(tissue.write(1, 90, &[1; 24], true) && fluid.write(1, 96, &[2u8].repeat(1_500_000), true));
         let mut kept = Kept::default();
         let counts = [100, 5_100, 6_099, 6_100, 12_099, 12_100].map(|tick| kept.take(&station, tick).len());
         assert_eq!(counts, [2, 0, 0, 2, 0, 2]);
