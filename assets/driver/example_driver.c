@@ -9,6 +9,8 @@
  * -DCALLBACK=1 makes one whose loop runs in a thread beside `main`, as with a library that has a servo loop of its own and calls the driver back.
  * -DRATE_HZ=2000 makes one of twice as many samples: the motors still hear the station a thousand times a second.
  * -DPLUG='"FILE"' makes one whose device is plugged in for as long as there is that file.
+ * -DHELD='"FILE"' makes one whose hand goes in once and stays there; while there is that file it is there from the first tick on, as a hand is that holds on
+ * while its driver is started again.
  * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
@@ -19,6 +21,9 @@
 #endif
 #ifndef PLUG
 #define PLUG "/"
+#endif
+#ifndef HELD
+#define HELD ""
 #endif
 
 #ifndef RATE_HZ
@@ -56,8 +61,11 @@ typedef struct {
 static void to_world(const float own[3], float world[3]) { world[0] = -own[1], world[1] = own[2], world[2] = -own[0]; }
 static void to_device(const float world[3], float own[3]) { own[0] = -world[2], own[1] = -world[0], own[2] = world[1]; }
 
+static const float DEEPEST_S = 1.5f; /* after the rest */
+
 static float wanted_m(uint64_t ticks) {
     float time_s = (float)ticks * PERIOD_S - 1.0f; /* at rest in the first second */
+    if (sizeof HELD > 1 && time_s > DEEPEST_S) time_s = DEEPEST_S;
     return time_s < 0.0f ? 0.0f : -0.006f * (1.0f - cosf(2.0f * 3.14159265f * time_s / 3.0f));
 }
 
@@ -186,6 +194,7 @@ int main(int argc, char **argv) {
     if (FLAW != STATES_NOTHING) hyst_state(&driver, &statement);
     static servo own;
     own.driver = &driver;
+    if (access(HELD, F_OK) == 0) own.it.ticks = 5 * RATE_HZ / 2, own.it.position_m[2] = wanted_m(own.it.ticks);
     if (CALLBACK) return beside(&own);
     be_real_time(&driver);
     while (hyst_goes_on(&driver) || FLAW == GOES_ON) {

@@ -410,8 +410,8 @@ static inline void hyst_state(hyst_driver *driver, const hyst_statement *stateme
     hyst_write_cell(driver->own.words64 + HYST_STATEMENT, record, sizeof record / 8);
 }
 
-/* Memory locked, SCHED_FIFO above the station's engines, on the core of the `device` engine, unless the station was started with --set realtime=off.
- * 0 if the system refuses: the driver runs as an ordinary process then. */
+/* Memory locked, SCHED_FIFO above the station's engines, on the first core that the process may use, which is that of the `device` engine where all are alike,
+ * unless the station was started with --set realtime=off. 0 if the system refuses: the driver runs as an ordinary process then. */
 static inline int hyst_real_time(hyst_driver *driver) {
     char path[256], text[4096] = {0};
     hyst_root(driver, path, sizeof path, "settings.toml");
@@ -420,11 +420,14 @@ static inline int hyst_real_time(hyst_driver *driver) {
     if (settings != NULL) fclose(settings);
     if (length > 0 && strstr(text, "realtime = \"off\"") != NULL) return 0;
     struct sched_param priority = {.sched_priority = 86};
-    cpu_set_t core;
+    cpu_set_t allowed, core;
+    CPU_ZERO(&allowed);
     CPU_ZERO(&core);
-    CPU_SET(0, &core);
+    int is_known = sched_getaffinity(0, sizeof allowed, &allowed) == 0, first = 0;
+    while (first < CPU_SETSIZE - 1 && !CPU_ISSET(first, &allowed)) first++;
+    CPU_SET(first, &core);
     int locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
-    int pinned = sysconf(_SC_NPROCESSORS_ONLN) < 2 || sched_setaffinity(0, sizeof core, &core) == 0;
+    int pinned = is_known && (CPU_COUNT(&allowed) < 2 || sched_setaffinity(0, sizeof core, &core) == 0);
     int fifo = sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &priority) == 0;
     hyst_store(&driver->own, HYST_REAL_TIME, (uint64_t)(fifo | locked << 1 | pinned << 2));
     hyst_heartbeat(driver);

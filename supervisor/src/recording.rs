@@ -11,7 +11,8 @@ use hyst_recording::Reader;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What a recording takes of a disk at most, bytes a second.
+/// What a recording takes of a disk at most, bytes a second: some 0.25 MB of ticks, steps and statuses, and as much again of the states of tissue and of fluid each,
+/// which come more seldom where they are large.
 pub const MOST_BYTES_PER_S: f64 = 1e6;
 /// A disk that lasts for less than this, s, is one that a class can be lost to.
 pub const SHORT_S: f64 = 3_600.0;

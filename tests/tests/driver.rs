@@ -16,6 +16,8 @@ use std::mem::offset_of;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+#[path = "driver/cores.rs"]
+mod cores;
 #[path = "driver/plug.rs"]
 mod plug;
 #[path = "driver/pose.rs"]

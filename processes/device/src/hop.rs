@@ -6,7 +6,7 @@
 
 use crate::again::{Again, Given};
 use crate::models::Models;
-use crate::plugged::Plugged;
+use crate::plugged::{Plug, Plugged};
 use crate::replicas::{Chosen, Replicas};
 use hyst_coupling::{
     AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step,
@@ -142,7 +142,7 @@ impl Hop<'_> {
     /// Goes on from the force that the motors make at this moment, so that a restart makes no kick.
     fn resume(&mut self) {
         let felt = self.hardware.page().cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
-        self.state = if felt == [0.0; 3] { LastHopState::default() } else { LastHopState::resumed(felt) };
+        self.state = LastHopState::born(felt, self.hardware.has_pushed());
         self.life.page.set_state(ProcessState::Live);
     }
 
@@ -162,7 +162,12 @@ impl Hop<'_> {
                 (self.state, self.energy, next_tick) = (state, EnergyState::default(), None);
             }
             let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
-            self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks, sample.force_n);
+            let state = self.state.after_silence(&HardwareParams::default(), silent_ticks, sample.force_n);
+            self.state = match given.plug {
+                Plug::Stays => state,
+                Plug::Out => state.unplugged(),
+                Plug::In(felt_n) => state.replugged(felt_n),
+            };
             next_tick = Some(tick + 1);
             let share = self.book(&sample, silent_ticks);
             self.tick(tick, sample, &given, share, pace.woken_ns());
@@ -196,10 +201,8 @@ impl Hop<'_> {
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.take() {
             if arrival.slot.role() == Role::Hardware {
-                // A device that was plugged in again: from the force that its motors make now.
                 let before = self.hardware.replace(arrival.page);
                 self.inbox.retire(before);
-                self.resume();
             } else {
                 seat(self.life, arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
             }
@@ -209,8 +212,8 @@ impl Hop<'_> {
     /// Contact model and medium as the tissues and fluids have them now.
     fn newest_model(&mut self, tick: u64) -> Given {
         let (medium, medium_key) = self.models.medium(self.life, tick);
-        let limits = self.hardware.limits();
-        Given { model: self.models.newest(self.life, tick), medium, limits, medium_key, ..Given::default() }
+        let (limits, plug) = (self.hardware.limits(), self.hardware.plug());
+        Given { model: self.models.newest(self.life, tick), medium, limits, medium_key, plug, ..Given::default() }
     }
 
     /// In lock-step: those of the ticks that the sequencer has seen finished; and every servo of the station has its seat.

@@ -1,5 +1,6 @@
 //! What is plugged in: the hardware's page, what it states of itself, and its newest sample that counts ([`Admission`]). When none has come that does for
-//! [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero.
+//! [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero. Once the hardware is
+//! known to be dead none is commanded at all: the motors of its next life would jump to it. From what that one's first sample says the force returns ([`Plug`]).
 
 use hyst_coupling::ServoParams;
 use hyst_engine::{Failure, Life};
@@ -10,10 +11,24 @@ use hyst_messages::{Admission, DeviceLimits, DeviceStatement, HardwareSample, Ro
 
 /// Ticks without a new sample that counts, after which the force is let go. A device on USB is late by some ticks now and then.
 const MOST_OLD_TICKS: u32 = 10;
+/// The same of hardware that is said to be dead: one that speaks on is not.
+const MOST_DEAD_TICKS: u32 = 1;
 /// How long a device that was started waits for what the hardware states, ns: as long as a start may take.
 const PATIENCE_NS: u64 = 25_000_000_000;
 /// Between two looks for it, ns.
 const LOOK_NS: u64 = 100_000;
+
+/// Whether the hardware is there in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Plug {
+    /// As it was.
+    #[default]
+    Stays,
+    /// It has died, and of another life no sample has counted yet.
+    Out,
+    /// It is there again, with the sample of this tick: what its motors make, N.
+    In([f32; 3]),
+}
 
 /// The hardware as the device sees it.
 pub struct Plugged {
@@ -28,6 +43,7 @@ pub struct Plugged {
     /// By which those of this life count.
     admission: Admission,
     old_ticks: u32,
+    plug: Plug,
 }
 
 impl Plugged {
@@ -51,14 +67,25 @@ impl Plugged {
     }
 
     fn new(page: ReadPage, trusts: bool) -> Plugged {
-        let (stated, sample) = (DeviceStatement::default(), HardwareSample::default());
-        Plugged { page, stated, trusts, number: 0, sample, admission: Admission::default(), old_ticks: 0 }
+        let (stated, sample, admission) = (DeviceStatement::default(), HardwareSample::default(), Admission::default());
+        Plugged { page, stated, trusts, number: 0, sample, admission, old_ticks: 0, plug: Plug::Stays }
     }
 
     /// Another life of the hardware: gives back the page of the one before. What it says counts when it has stated what it is.
     pub fn replace(&mut self, page: ReadPage) -> ReadPage {
-        let next = Plugged { sample: self.sample, ..Plugged::new(page, self.trusts) };
+        let next = Plugged { sample: self.sample, plug: Plug::Out, ..Plugged::new(page, self.trusts) };
         std::mem::replace(self, next).page
+    }
+
+    /// Whether the hardware is there in this tick.
+    pub fn plug(&self) -> Plug {
+        self.plug
+    }
+
+    /// Whether the motors have made a force in this life of theirs.
+    pub fn has_pushed(&self) -> bool {
+        let largest_step = hardware::TOTALS + hardware::Total::ForceStepMax as usize;
+        f64::from_bits(self.page.load64(largest_step)) > 0.0
     }
 
     /// Reads the statement, if it was not read yet. One that is wrong is refused; a successor of this process meets it when it starts.
@@ -84,6 +111,8 @@ impl Plugged {
     /// The sample of this tick. Once a tick.
     pub fn look(&mut self, life: &Life) -> Result<HardwareSample, Failure> {
         self.old_ticks = self.old_ticks.saturating_add(1);
+        let is_gone = self.old_ticks > MOST_DEAD_TICKS && !life.is_alive(Role::Hardware, self.page.incarnation());
+        self.plug = if is_gone || self.plug == Plug::Out { Plug::Out } else { Plug::Stays };
         if !self.hear()? || self.page.cell_number(hardware::SAMPLE) == self.number {
             return Ok(self.sample);
         }
@@ -98,7 +127,7 @@ impl Plugged {
 
     /// Whether nobody knows where the tip is.
     pub fn is_silent(&self) -> bool {
-        !self.trusts && self.old_ticks > MOST_OLD_TICKS
+        !self.trusts && (self.old_ticks > MOST_OLD_TICKS || self.plug == Plug::Out)
     }
 
     fn take(&mut self, sample: HardwareSample) -> Result<(), Distrust> {
@@ -106,6 +135,9 @@ impl Plugged {
             return Err(Distrust::Invalid);
         }
         (self.sample, self.old_ticks) = (sample, 0);
+        if self.plug == Plug::Out {
+            self.plug = Plug::In(sample.force_n);
+        }
         Ok(())
     }
 }
@@ -135,7 +167,8 @@ mod stated;
 mod tests {
     use super::stated::stated;
     use super::*;
-    use hyst_exchange::Station;
+    use hyst_exchange::{OwnedPage, Station};
+    use hyst_messages::page::station as layout;
     use hyst_messages::{Pose, Slot};
 
     /// At rest, so deep.
@@ -145,17 +178,73 @@ mod tests {
         HardwareSample { hardware_tick: tick, time_ns: tick * TICK_NS, pose, ..HardwareSample::default() }
     }
 
-    #[test]
-    fn a_tip_that_jumps_stays_where_it_was_until_the_force_is_gone_and_one_that_is_silent_is_said_to_be() {
-        let station = Station::named(&format!("t{}-plugged", std::process::id())).unwrap();
+    /// A station in which this process is the device.
+    fn begun(name: &str) -> (Station, Life) {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
         station.wipe();
         station.found().unwrap();
         std::fs::write(station.settings(), "").unwrap();
-        let slots = [Role::Hardware, Role::Device].map(Slot::first);
-        let hardware = station.create_slot(slots[0], 3).unwrap();
-        let _own = station.create_slot(slots[1], 4).unwrap();
-        let life = Life::begin(station.name(), slots[1], 4).unwrap();
-        let mut plugged = Plugged::new(station.read_slot(slots[0], 3).unwrap(), false);
+        let slot = Slot::first(Role::Device);
+        let _own = station.create_slot(slot, 4).unwrap();
+        let life = Life::begin(station.name(), slot, 4).unwrap();
+        (station, life)
+    }
+
+    /// A life of the hardware that has begun.
+    fn hardware_of(station: &Station, incarnation: u32) -> (OwnedPage, ReadPage) {
+        let (slot, keeper) = (Slot::first(Role::Hardware), station.open_for_keeping().unwrap());
+        let own = station.create_slot(slot, incarnation).unwrap();
+        keeper.store32(layout::SLOT_DEAD + slot.number(), 0);
+        keeper.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+        (own, station.read_slot(slot, incarnation).unwrap())
+    }
+
+    /// The force was commanded on for a tip of which nobody knew, and the motors of a driver that was started again would have jumped to it.
+    #[test]
+    fn hardware_that_has_died_is_silent_until_a_sample_of_another_life_counts_which_says_what_its_motors_make() {
+        let (station, life) = begun("replugged");
+        let dead = layout::SLOT_DEAD + Slot::first(Role::Hardware).number();
+        let (own, page) = hardware_of(&station, 3);
+        let mut plugged = Plugged::new(page, false);
+        own.write(hardware::STATEMENT, &stated());
+        own.write(hardware::SAMPLE, &at(900, 0.05));
+        let look = |plugged: &mut Plugged| (plugged.look(&life).unwrap(), plugged.is_silent(), plugged.plug());
+        let there = (at(900, 0.05), false, Plug::Stays);
+        assert_eq!([look(&mut plugged), look(&mut plugged), look(&mut plugged)], [there; 3], "a device may be late");
+        own.write(hardware::SAMPLE, &at(901, 0.05));
+        assert_eq!(look(&mut plugged), (at(901, 0.05), false, Plug::Stays));
+        station.open_for_keeping().unwrap().store32(dead, 1);
+        own.write(hardware::SAMPLE, &at(902, 0.05));
+        let last = (at(902, 0.05), false, Plug::Stays);
+        assert_eq!(look(&mut plugged), last, "who speaks is not dead, whatever is said of it");
+        let is_pushed_by = |force_n: f64| {
+            own.store64(hardware::TOTALS + hardware::Total::ForceStepMax as usize, force_n.to_bits());
+            plugged.has_pushed()
+        };
+        assert_eq!([0.0, 0.3].map(is_pushed_by), [false, true]);
+        let gone = (at(902, 0.05), true, Plug::Out);
+        assert_eq!([look(&mut plugged), look(&mut plugged), look(&mut plugged)], [last, gone, gone]);
+
+        let (next, page) = hardware_of(&station, 5);
+        let _before = plugged.replace(page);
+        assert!(look(&mut plugged) == gone && !plugged.has_pushed(), "it has said nothing, and its motors have made nothing");
+        next.write(hardware::SAMPLE, &at(1, 0.06));
+        assert_eq!(look(&mut plugged), gone, "nor what it is");
+        next.write(hardware::STATEMENT, &stated());
+        next.write(hardware::SAMPLE, &at(2, f32::NAN));
+        assert_eq!(look(&mut plugged), gone, "no place");
+        let first = HardwareSample { force_n: [0.0, 0.0, 0.3], ..at(3, 0.06) };
+        next.write(hardware::SAMPLE, &first);
+        assert_eq!(look(&mut plugged), (first, false, Plug::In([0.0, 0.0, 0.3])));
+        assert_eq!(look(&mut plugged), (first, false, Plug::Stays));
+        station.wipe();
+    }
+
+    #[test]
+    fn a_tip_that_jumps_stays_where_it_was_until_the_force_is_gone_and_one_that_is_silent_is_said_to_be() {
+        let (station, life) = begun("plugged");
+        let (hardware, page) = hardware_of(&station, 3);
+        let mut plugged = Plugged::new(page, false);
         hardware.write(hardware::SAMPLE, &at(1, 0.05));
         assert_eq!(plugged.look(&life).unwrap(), HardwareSample::default(), "it has not said what it is");
         hardware.write(hardware::STATEMENT, &stated());

@@ -5,7 +5,7 @@ use crate::gather::Gather;
 use crate::moments::{Mark, Moments};
 use hyst_assessment::Judge;
 use hyst_engine::Life;
-use hyst_exchange::system;
+use hyst_exchange::{system, whole};
 use hyst_messages::page::recorder as layout;
 use hyst_recording::{Block, Judged, Picture};
 
@@ -35,12 +35,24 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Of a session; in one that is `continued` what the referee has kept is known already.
+    /// Of a session; in one that is `continued` what the recorder before has kept of its referee is known already.
     pub fn of(life: &Life, continued: bool) -> Camera {
-        let kept = if continued { std::fs::read_to_string(life.station.judged()).ok() } else { None };
         let brief = std::fs::read_to_string(life.station.brief()).ok();
-        let judge = brief.and_then(|brief| Judge::resume(&brief, kept.as_deref()).ok());
-        Camera { moments: Moments::after(judge), is_new: !continued, wanted: None, taken: 0 }
+        let moments = match brief {
+            Some(brief) if continued => {
+                let kept = std::fs::read_to_string(life.station.recorder_judged()).ok();
+                Moments::going_on(&brief, kept.and_then(|text| serde_json::from_str::<Judged>(&text).ok()).as_ref())
+            }
+            brief => Moments::after(brief.and_then(|brief| Judge::read(&brief).ok())),
+        };
+        Camera { moments, is_new: !continued, wanted: None, taken: 0 }
+    }
+
+    /// Keeps what the referee knows for a recorder that follows; before what that is of goes to the disk, so that nothing in the file is judged by nobody.
+    pub fn keep(&self, life: &Life) {
+        let Some(text) = self.moments.judged().and_then(|judged| serde_json::to_string(&judged).ok()) else { return };
+        // Refused, who follows knows that it has not seen all.
+        let _ = whole::write(&life.station.recorder_judged(), text.as_bytes());
     }
 
     /// Asks for a picture of what is new in the block behind the mark; puts into it the one that came of what was before.

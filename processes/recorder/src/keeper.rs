@@ -132,8 +132,9 @@ impl Keeper {
         self.scribe.file.has_scene
     }
 
-    /// Gives what waits to the disk if it is time, and the disk has done with what it was given before; publishes how far the recording has come.
-    pub fn keep(&mut self, life: &Life) -> Result<(), Failure> {
+    /// Gives what waits to the disk if it is time, and the disk has done with what it was given before; publishes how far the recording has come. Before it is
+    /// given, `before` is done.
+    pub fn keep(&mut self, life: &Life, before: impl FnOnce()) -> Result<(), Failure> {
         self.heed_syncs(life);
         while let Some(written) = self.scribe.written(0) {
             self.take(life, written)?;
@@ -142,6 +143,7 @@ impl Keeper {
         if self.scribe.is_busy() && time_ns > self.given_ns + STILL_NS {
             self.complain(life, "the disk takes nothing; what is to be recorded waits in memory, for a minute at most");
         } else if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
+            before();
             (self.given_ns, self.next_write_ns) = (time_ns, time_ns + interval_ns(self.scribe.file.ticks));
             self.scribe.write(std::mem::take(&mut self.queue));
         }

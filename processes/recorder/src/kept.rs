@@ -1,38 +1,53 @@
 //! The states of tissue and fluid, every five seconds, from the checkpoints that their keepers write: what a replay begins with that does not begin at the
-//! beginning.
+//! beginning. Promise: both are of about one time, and those of a role take no more of the disk than [`MOST_BYTES_PER_TICK`]; so large ones come more seldom.
 
 use hyst_exchange::{Station, checkpoint};
 use hyst_messages::Role;
 use hyst_messages::stream::bytes_of_words;
 use hyst_recording::Checkpoint;
 
-/// Ticks between two checkpoints of the recording: what a replay computes at most before it shows what it was asked for.
+/// Ticks between two checkpoints of the recording: what a replay computes at most before it shows what it was asked for, unless the states are large.
 const INTERVAL_TICKS: u64 = 5_000;
+/// Most that the states of a role take, bytes for each tick: 0.25 MB/s, a quarter of what a recording may take in all. In the file they have as many bytes, or
+/// some percent more: the fields of a flow hardly become shorter, and base64 costs what zstd takes back.
+const MOST_BYTES_PER_TICK: u64 = 250;
 /// A state that is longer is not kept: in its JSON it would be longer than what any reader takes at once. The largest scenes' have some megabytes.
 pub const MOST_BYTES: usize = 24 << 20;
 
 /// What has been kept.
 #[derive(Default)]
 pub struct Kept {
-    /// For each role the tick from which on its next state is.
-    next_ticks: [u64; Role::STATEFUL.len()],
+    /// The tick with which the newest round began, and of which roles there is a state in it.
+    begun_tick: Option<u64>,
+    has_state: [bool; Role::STATEFUL.len()],
+    /// Length of the longest so far.
+    longest_bytes: usize,
 }
 
 impl Kept {
     /// The newest states, if it is time for them.
     pub fn take(&mut self, station: &Station, tick: u64) -> Vec<Checkpoint> {
+        if self.begun_tick.is_some_and(|begun| tick >= begun + interval_ticks(self.longest_bytes)) {
+            (self.begun_tick, self.has_state) = Default::default();
+        }
         let mut found = Vec::new();
-        for (role, next_tick) in Role::STATEFUL.into_iter().zip(&mut self.next_ticks).filter(|(_, next_tick)| tick >= **next_tick)
-        {
+        for (role, has_state) in Role::STATEFUL.into_iter().zip(&mut self.has_state).filter(|(_, has_state)| !**has_state) {
             let Some(kept) = checkpoint::latest(station, role) else { continue };
-            *next_tick = tick + INTERVAL_TICKS;
+            *has_state = true;
+            self.begun_tick.get_or_insert(tick);
             let state = bytes_of_words(&kept.words);
             if state.len() <= MOST_BYTES {
+                self.longest_bytes = self.longest_bytes.max(state.len());
                 found.push(Checkpoint { role, tick: kept.tick, state: state.to_vec() });
             }
         }
         found
     }
+}
+
+/// Ticks between two rounds of states of which the longest has so many bytes.
+fn interval_ticks(longest_bytes: usize) -> u64 {
+    INTERVAL_TICKS.max((longest_bytes as u64).div_ceil(MOST_BYTES_PER_TICK))
 }
 
 #[cfg(test)]
@@ -56,7 +71,23 @@ mod tests {
         assert!(fluid.write(1, 196, &[3; 16], true));
         assert_eq!(ticks(kept.take(&station, 220)), [(Role::Fluid, 196, 3)], "as soon as it is there");
         assert_eq!(kept.take(&station, 5_119), []);
-        assert_eq!((kept.take(&station, 5_120).len(), kept.take(&station, 5_220).len()), (1, 1));
+        assert_eq!((kept.take(&station, 5_120).len(), kept.take(&station, 5_220)), (2, Vec::new()), "from now on together");
+        station.wipe();
+    }
+
+    /// A flow on a fine grid alone would have taken some megabytes a second.
+    #[test]
+    fn large_states_are_kept_more_seldom_both_of_them() {
+        let station = Station::named(&format!("t{}-large", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let writer = |role: Role, bytes: usize| CheckpointWriter::open(&station, Slot::first(role), bytes).unwrap();
+        let (tissue, fluid) = (writer(Role::Tissue, 100), writer(Role::Fluid, 1_500_000));
+        assert!(tissue.write(1, 90, &[1; 24], true) && fluid.write(1, 96, &[2u8].repeat(1_500_000), true));
+        let mut kept = Kept::default();
+        let counts = [100, 5_100, 6_099, 6_100, 12_099, 12_100].map(|tick| kept.take(&station, tick).len());
+        assert_eq!(counts, [2, 0, 0, 2, 0, 2]);
+        assert_eq!([0, 1_250_000, 1_250_001, MOST_BYTES].map(interval_ticks), [5_000, 5_000, 5_001, 100_664]);
         station.wipe();
     }
 }

@@ -31,8 +31,13 @@ pub struct Moments {
     decided: Vec<bool>,
     told: usize,
     has_ended: bool,
-    /// The newest of them.
+    /// The tick from which on what is taken follows what the referee was kept with, until one is taken.
+    goes_on_at: Option<u64>,
+    /// Something lies between: the referee knows less than who reads the recording.
+    is_partial: bool,
+    /// The newest of them, and the tick of the newest that the referee has seen.
     tissue: Option<TissueStatus>,
+    tissue_tick: u64,
     fluid: Option<FluidStatus>,
     cut_tick: Option<u64>,
 }
@@ -43,12 +48,31 @@ impl Moments {
         let decided = judge.as_ref().map_or_else(Vec::new, decided);
         let told = judge.as_ref().map_or(0, |judge| judge.told.len());
         let has_ended = judge.as_ref().is_some_and(|judge| judge.ended.is_some());
-        Moments { judge, decided, told, has_ended, tissue: None, fluid: None, cut_tick: None }
+        Moments {
+            judge,
+            decided,
+            told,
+            has_ended,
+            goes_on_at: None,
+            is_partial: false,
+            tissue: None,
+            tissue_tick: 0,
+            fluid: None,
+            cut_tick: None,
+        }
     }
 
-    /// What its referee has judged so far, for whoever goes on from here; `None` without a case, or before the first tick.
+    /// In a session that goes on: from what a recorder before has kept of its referee, if that is of this case.
+    pub fn going_on(brief: &str, kept: Option<&Judged>) -> Moments {
+        let judge = Judge::resume(brief, kept.map(|kept| kept.judge.as_str())).ok();
+        let open = judge.as_ref().filter(|judge| judge.ended.is_none());
+        let goes_on_at = open.map(|judge| judge.last_tick.saturating_add(1));
+        Moments { goes_on_at, tissue_tick: kept.map_or(0, |kept| kept.tissue_tick), ..Moments::after(judge) }
+    }
+
+    /// What its referee has judged so far, for whoever goes on from here; `None` without a case, before the first tick, and of one that has not seen all.
     pub fn judged(&self) -> Option<Judged> {
-        self.judge.as_ref()?.kept(self.tissue.map_or(0, |status| status.state_tick))
+        self.judge.as_ref().filter(|_| !self.is_partial)?.kept(self.tissue_tick)
     }
 
     /// Gives what happened in that part of a block that is behind the mark: when, and in words.
@@ -71,6 +95,7 @@ impl Moments {
     }
 
     fn tick(&mut self, record: &AppliedRecord, moments: &mut Vec<(u64, String)>) {
+        self.is_partial |= self.goes_on_at.take().is_some_and(|next| record.tick > next);
         let Some(judge) = &mut self.judge else { return };
         judge.tick(record);
         let now = decided(judge);
@@ -94,9 +119,10 @@ impl Moments {
     }
 
     fn tissue(&mut self, status: &TissueStatus, moments: &mut Vec<(u64, String)>) {
-        if self.tissue.is_some_and(|newest| status.state_tick < newest.state_tick) {
+        if status.state_tick < self.tissue_tick {
             return; // of a holder that was followed by another one: no report counts it
         }
+        self.tissue_tick = status.state_tick;
         if let Some(judge) = &mut self.judge {
             judge.tissue(status);
         }
@@ -226,15 +252,39 @@ mod tests {
         moments.take(&first, Mark::default());
         let kept = moments.judged().unwrap();
         assert_eq!((kept.tick, kept.tissue_tick), (249, 150));
-        let mut next = Moments::after(Some(Judge::resume(&brief(), Some(&kept.judge)).unwrap()));
+        let mut next = Moments::going_on(&brief(), Some(&kept));
+        assert_eq!(next.judged(), Some(kept), "before its first tick, too");
         assert_eq!(next.take(&second, Mark::default()), moments.take(&second, Mark::default()));
-        assert_eq!(next.judged().map(|judged| judged.judge), moments.judged().map(|judged| judged.judge));
+        assert_eq!(next.judged(), moments.judged());
         // One of before that comes late, of a holder that was followed by another.
         let late = Block { tissue: vec![tissue(140, 2.0, 0, 5)], ..Block::default() };
         let known = moments.judged();
-        told(moments.take(&late, Mark::default()), &[]);
-        assert_eq!(moments.judged(), known);
+        for moments in [&mut moments, &mut next] {
+            told(moments.take(&late, Mark::default()), &[]);
+            assert_eq!(moments.judged(), known);
+        }
         assert_eq!(Moments::after(None).judged(), None);
+    }
+
+    /// Where no console had judged, the second part of a session was judged as if it had begun there, and a replay went on from that.
+    #[test]
+    fn a_referee_that_has_not_seen_what_was_before_is_not_kept_and_the_one_before_it_serves() {
+        let [first, second] = blocks();
+        let mut before = Moments::after(Some(judge()));
+        before.take(&first, Mark::default());
+        let kept = before.judged();
+        let judged = |kept: Option<&Judged>, from: u64| {
+            let mut moments = Moments::going_on(&brief(), kept);
+            let applied = ticks(from..700);
+            moments.take(&Block { applied, ..Block::default() }, Mark::default());
+            moments.judged()
+        };
+        assert_eq!([judged(None, 250), judged(kept.as_ref(), 251)], [None, None]);
+        before.take(&second, Mark::default());
+        assert_eq!([judged(kept.as_ref(), 250), judged(kept.as_ref(), 200)].map(|found| found == before.judged()), [true; 2]);
+        // One that has seen the end has seen all.
+        let over = before.judged();
+        assert_eq!(judged(over.as_ref(), 690), over);
     }
 
     #[test]

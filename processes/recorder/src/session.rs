@@ -69,9 +69,10 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         // Who is followed by another leaves it what comes after its last tick.
         said.take(if life.clock.stop_requested() { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
         if is_last {
+            camera.keep(life);
             return keeper.close(life);
         }
-        keeper.keep(life)?;
+        keeper.keep(life, || camera.keep(life))?;
         life.drag(begun_ns);
         alive(life);
         rest(life, changes);

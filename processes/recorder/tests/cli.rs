@@ -4,6 +4,7 @@
 #[path = "../../../shared/engine/tests/support/cli.rs"]
 mod cli;
 
+use hyst_exchange::checkpoint::CheckpointWriter;
 use hyst_exchange::{OwnedPage, ReadPage, Station, system};
 use hyst_messages::page::{ProcessState, device, recorder, station as layout};
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
@@ -151,6 +152,34 @@ fn every_tick_is_in_the_file_once_although_the_recorder_was_killed_half_way() {
         recording.content.events.iter().filter(|event| event.kind == kind && event.process == process).count()
     };
     assert_eq!((said("skipped", "recorder"), said("started", "device")), (1, 2));
+}
+
+/// With nobody but recorders to judge it, the second part of a session was judged as if it had begun there.
+#[test]
+fn a_recorder_that_follows_goes_on_judging_from_where_the_one_before_was() {
+    let mut stage = Stage::new("judged", true);
+    let brief = serde_json::json!({
+        "name": "a case", "rung": "polyp", "task": "Do it.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
+        "goals": [{ "words": "all", "is": { "removed": 2.0 } }], "warnings": [],
+        "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
+    });
+    std::fs::write(stage.station.brief(), brief.to_string()).unwrap();
+    let device = stage.device(1);
+    push(&device, 10..100);
+    let page = stage.start(2);
+    wait_for(&page, |status| status.last_tick == 99);
+    stage.kill();
+    // What was judged is recorded beside a state.
+    let tissue = CheckpointWriter::open(&stage.station, Slot::first(Role::Tissue), 100).unwrap();
+    assert!(tissue.write(1, 90, &[7; 24], true));
+    push(&device, 100..200);
+    let page = stage.start(3);
+    wait_for(&page, |status| status.last_tick == 199);
+    assert_eq!(stage.stop(), Some(0));
+    let recording = Recording::read(&stage.file()).unwrap();
+    let judged = recording.content.judged.last().expect("nothing is recorded of what was judged");
+    let judge: serde_json::Value = serde_json::from_str(&judged.judge).unwrap();
+    assert!(judged.tick >= 99 && judge["first_tick"] == 10, "{judge}");
 }
 
 #[test]

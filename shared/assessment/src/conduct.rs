@@ -100,7 +100,9 @@ impl Conduct {
             self.servo_changes += u64::from(before != 0 && before != servo);
         }
         let force_n = finite(record.command.force_n);
-        if let (Some(before_n), Some(force_n)) = (self.force_n, force_n) {
+        // A device whose hardware has died goes on from no force: what it commands no more is taken from nobody.
+        let is_unplugged = record.before_n == [0.0; 3] && record.command.force_n == [0.0; 3];
+        if let (Some(before_n), Some(force_n)) = (self.force_n.filter(|_| !is_unplugged), force_n) {
             Peak::raise(&mut self.largest_step, length(difference(force_n, before_n)), tick);
         }
         self.force_n = force_n;
@@ -202,6 +204,18 @@ mod tests {
         assert_eq!(conduct.longest_gap, Some(TickRange { first: 17, last: 19 }));
         let step = conduct.largest_step.unwrap();
         assert!((step.value - 0.5).abs() < 1e-7 && step.tick == 11);
+    }
+
+    /// The force that a device had commanded when its driver died stood as the largest step of the session.
+    #[test]
+    fn a_force_that_is_gone_because_the_hardware_has_died_is_no_step_and_one_that_is_let_go_is() {
+        let largest_n = |before_n: [f32; 3]| {
+            let mut conduct = Conduct::default();
+            conduct.admit(&record(10, [0.0, 0.0, 1.5], Applied::Fresh));
+            conduct.admit(&AppliedRecord { before_n, ..record(11, [0.0; 3], Applied::Held) });
+            conduct.largest_step.map(|step| step.value)
+        };
+        assert_eq!([[0.0; 3], [0.0, 0.0, 1.5]].map(largest_n), [None, Some(1.5)]);
     }
 
     #[test]

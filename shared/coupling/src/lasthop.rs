@@ -91,6 +91,23 @@ impl LastHopState {
         Self { applied_n, engaged: 1, returning: 1, ..Self::default() }
     }
 
+    /// The state of a device process that is born: [`LastHopState::resumed`] where the motors make a force or have made one before, for
+    /// then the gate was passed; else all zero.
+    pub fn born(applied_n: [f32; 3], has_pushed: bool) -> Self {
+        if has_pushed || applied_n != [0.0; 3] { Self::resumed(applied_n) } else { Self::default() }
+    }
+
+    /// The state while another life of the hardware has said nothing yet: it is to find no force commanded. The gate stays as it was.
+    pub fn unplugged(self) -> Self {
+        let returning = self.engaged;
+        Self { applied_n: [0.0; 3], ramp_from_n: [0.0; 3], returning, ..self }
+    }
+
+    /// The state when it says first what its motors make: the force returns from there by the rise, once the gate is passed.
+    pub fn replugged(self, felt_n: [f32; 3]) -> Self {
+        if self.engaged == 0 { self } else { Self::resumed(felt_n) }
+    }
+
     /// The state of a device process that was not let run and has sent nothing for `silent_ticks` ticks: the hardware's watchdog has
     /// taken a part of the force away, and the force returns from what is left: `felt_n`, which the motors made at their newest sample, or
     /// less, if that is from before. A shorter silence than the watchdog's changes nothing.
@@ -331,6 +348,30 @@ mod tests {
             }
             assert_eq!(state.applied_n, PRESS);
         }
+    }
+
+    /// Who pressed on while the driver was started again felt nothing until he drew back: the gate was shut anew.
+    #[test]
+    fn another_life_of_the_hardware_finds_no_force_and_then_feels_it_rise() {
+        let params = LastHopParams::default();
+        for silent_ticks in [0, 1, 2, 3, 40] {
+            let mut state = running(&params).unplugged();
+            for _ in 0..silent_ticks {
+                state = last_hop_step(&params, &state.unplugged(), None).0;
+                assert_eq!(state.applied_n, [0.0; 3], "{silent_ticks}");
+            }
+            state = state.replugged([0.0; 3]);
+            for _ in 0..=params.rise_ticks {
+                let (next, applied, _) = last_hop_step(&params, &state, Some(PRESS));
+                let step_n = (Vec3::from_array(applied) - Vec3::from_array(state.applied_n)).length();
+                assert!(step_n <= params.return_n, "{step_n} N after {silent_ticks} ticks");
+                state = next;
+            }
+            assert_eq!(state.applied_n, PRESS);
+        }
+        let shut = LastHopState::default();
+        assert_eq!([shut.unplugged(), shut.replugged(PRESS), LastHopState::born([0.0; 3], false)], [shut; 3], "not passed yet");
+        assert_eq!(LastHopState::born([0.0; 3], true), LastHopState::resumed([0.0; 3]), "passed before");
     }
 
     /// A driver that said 1 MN once was told of to the servos, and with it so much work was booked that no force was applied for seconds.

@@ -199,7 +199,7 @@ fn a_device_process_that_starts_anew_while_buried_does_not_kick() {
             bench.force = Vec3::from_array(force);
             bench.pass_tick();
         }
-        bench.hop = LastHopState::resumed(bench.hardware.force_n);
+        bench.hop = LastHopState::born(bench.hardware.force_n, true);
         let (_, _, force) = goes_on_without_a_kick(&mut bench, &format!("device dead for {dead_ticks} ms"));
         assert!((force - undisturbed).abs() < 0.02, "{dead_ticks} ms: back at {force} N");
     }

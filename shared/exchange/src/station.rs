@@ -141,6 +141,10 @@ impl Station {
     pub fn judged(&self) -> PathBuf {
         self.root.join("judged.json")
     }
+    /// The judgement of the recorder's own referee so far, as JSON, which is there whether somebody else judges or not.
+    pub fn recorder_judged(&self) -> PathBuf {
+        self.root.join("recorder-judged.json")
+    }
     /// The supervisor's report so far, as JSON, once a second.
     pub fn report(&self) -> PathBuf {
         self.root.join("report.json")

@@ -21,7 +21,7 @@ pub struct TissueStatus {
     /// Volume of other tissue that was taken off so far, ml: what of the organ nothing holds any more, and what was burnt of it. No number in a recording of
     /// before it was told.
     pub healthy_removed_ml: f64,
-    /// Volume of the cavity's distension, Pa, as used in the step.
+    /// Pressure of the medium in the cavity, Pa, as used in the step.
     pub cavity_pressure_pa: f32,
     /// Contacts found in the step.
     pub contact_count: u32,

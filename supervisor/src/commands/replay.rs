@@ -11,7 +11,7 @@ use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::{Station, system};
 use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
-use hyst_recording::{Checkpoint, Moment, Playback, checkpoints};
+use hyst_recording::{Checkpoint, Event, Moment, Playback, checkpoints};
 use look::{Whole, look_ahead, look_through};
 use std::collections::VecDeque;
 use std::ffi::OsString;
@@ -353,9 +353,19 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64, is_cut: bool) -> Result
     }
     if code == 1 {
         let said = [origin::other_build, origin::other_processor].map(|other| other(was.session(), is.session()));
-        said.iter().flatten().for_each(|words| println!("{words}"));
+        let swapped = origin::other_engines(&events(recorded));
+        said.into_iter().flatten().chain(swapped).for_each(|words| println!("{words}"));
     }
     Ok(if code == 0 && (is_cut || unmade_tick.is_some()) { NOT_WHOLE } else { code })
+}
+
+/// What happened, by a recording, as far as it can be read.
+fn events(recorded: &Path) -> Vec<Event> {
+    let mut events = Vec::new();
+    if let Ok(mut reader) = super::report::open(recorded) {
+        let _ = reader.each_block(super::report::threads(), |block| events.extend(block.events)); // what was read serves
+    }
+    events
 }
 
 /// Whether a tick has a state in the recording, and none in that of its replay.

@@ -11,7 +11,7 @@ use crate::journal;
 use crate::mischief::Charge;
 use crate::policy::{self, Action, Cause, Event, Left, Reason};
 use crate::swap::judge::Seen;
-use crate::swap::{Record, first_slot, kept, role_of};
+use crate::swap::{AGREES, DONE, HAS_THE_ROLE, IN_PLACE, Record, first_slot, kept, line_of_step, role_of};
 use effort::{Effort, KEPT_OFF_FOR_LATE, Spent, Tenures};
 use hyst_exchange::system;
 use hyst_messages::page::device::Distrust;
@@ -136,7 +136,7 @@ impl Supervisor {
         }
         self.faults.swap_begun(record.begun_ns);
         self.spawner.mortality.pass("swap-declared");
-        journal::say(&self.station, &format!("swap {number} of {}: {what}", role.name()));
+        journal::say(&self.station, &line_of_step(number, role.name(), &what));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
         let old = self.spent_by(slot);
         let mut trial = Trial::begin(record, role, old);
@@ -215,8 +215,8 @@ impl Supervisor {
         }
         let text = match stage {
             Stage::Shadow => "ready, and in the shadow of the old engine",
-            Stage::Trial if in_place => "ready, and on probation in the old engine's place",
-            Stage::Trial => "agrees with the old engine, and may take the role",
+            Stage::Trial if in_place => IN_PLACE,
+            Stage::Trial => AGREES,
             Stage::Settled | Stage::Undone | Stage::None => return,
         };
         self.note_step(text);
@@ -239,7 +239,7 @@ impl Supervisor {
         if let Some(trial) = &mut self.trial {
             trial.record.promoted = Some(promoted);
         }
-        self.note_step(if promoted { "done: every process of the role runs it" } else { "over: the old engine has the role" });
+        self.note_step(if promoted { DONE } else { "over: the old engine has the role" });
         self.trial = None;
         self.cleaner.ask(system::now_ns());
     }
@@ -247,7 +247,7 @@ impl Supervisor {
     fn note_step(&mut self, text: &str) {
         let Some(trial) = &mut self.trial else { return };
         trial.record.note(text);
-        journal::say(&self.station, &format!("swap {} of {}: {text}", trial.record.number, trial.record.role));
+        journal::say(&self.station, &line_of_step(trial.record.number, &trial.record.role, text));
         trial.record.write(&self.station); // a full disk costs what is said, not the swap
     }
 
@@ -257,7 +257,7 @@ impl Supervisor {
             if let Some(trial) = &mut self.trial {
                 trial.compared.1 = trial.compared.0;
             }
-            self.note_step("has the role, on probation; the old engine keeps its own state");
+            self.note_step(HAS_THE_ROLE);
             self.note_role(true);
         } else if self.is_newcomer(before) {
             self.note_role(false);

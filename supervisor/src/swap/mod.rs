@@ -22,6 +22,31 @@ use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+/// The step of a newcomer that works in the place of an old engine.
+pub const IN_PLACE: &str = "ready, and on probation in the old engine's place";
+/// That of a servo which is followed from now on, and of who is to take a role with a state.
+pub const AGREES: &str = "agrees with the old engine, and may take the role";
+/// That of who has taken it.
+pub const HAS_THE_ROLE: &str = "has the role, on probation; the old engine keeps its own state";
+/// The last of a swap that was not undone.
+pub const DONE: &str = "done: every process of the role runs it";
+
+/// What the supervisor says of a step of a swap.
+pub fn line_of_step(number: u64, role: &str, step: &str) -> String {
+    format!("swap {number} of {role}: {step}")
+}
+
+/// The role of which such a line says that a newcomer does its work; `None` of any other line.
+pub fn taken_over(line: &str) -> Option<Role> {
+    let (role, step) = line.strip_prefix("swap ")?.split_once(" of ")?.1.split_once(": ")?;
+    let role = Role::from_name(role)?;
+    let does_its_work = match step {
+        AGREES => !role.is_stateful(), // of a role with a state it says so itself
+        step => [IN_PLACE, HAS_THE_ROLE, DONE].contains(&step),
+    };
+    does_its_work.then_some(role)
+}
+
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {

@@ -116,10 +116,15 @@ impl Empty {
 
     /// Exit code, stdout and stderr of another life of a driver.
     pub(super) fn run(&mut self, program: &Path) -> (Option<i32>, String, String) {
+        self.run_under(&[], program)
+    }
+
+    /// The same under another command, which runs its arguments.
+    pub(super) fn run_under(&mut self, wrapper: &[&str], program: &Path) -> (Option<i32>, String, String) {
         let (slot, incarnation) = (Slot::first(Role::Hardware), self.incarnation());
         self.station.create_slot(slot, incarnation).expect("its page");
         let words = ["--station", self.station.name(), "--slot", "hardware", "--incarnation", &incarnation.to_string()];
-        run(Command::new(program).args(words))
+        run(Command::new("env").args(wrapper).arg(program).args(words))
     }
 
     /// What another life of a driver writes on stdout.

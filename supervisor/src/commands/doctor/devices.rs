@@ -22,8 +22,30 @@ const HAPTIC: [(&str, Option<&str>, &str); 4] = [
 const DEEPEST: usize = 4;
 
 const UNIT: &str = "hystation.service";
-/// Where systemd looks for a unit, its additions first; the first place that has it counts.
-const UNIT_FOLDERS: [&str; 3] = ["/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system"];
+
+/// One of the managers of systemd that may have the service.
+struct Manager {
+    /// Where it looks for a unit, its additions first; the first place that has it counts.
+    folders: Vec<PathBuf>,
+    /// The folder that its units call `%h`.
+    home: String,
+    /// How its service is called here, and what edits it.
+    unit: String,
+    edit: &'static str,
+}
+
+/// That of who asks, whose service has their window, and the machine's.
+fn managers(machine: &Machine) -> [Manager; 2] {
+    let home = machine.variable("HOME").unwrap_or("/");
+    let settings = machine.variable("XDG_CONFIG_HOME").map_or_else(|| Path::new(home).join(".config"), PathBuf::from);
+    let places = |kind: &str| ["/etc/systemd", "/run/systemd", "/usr/lib/systemd"].map(|place| Path::new(place).join(kind));
+    let of_user = [settings.join("systemd/user")].into_iter().chain(places("user")).collect();
+    let [home, root] = [home, "/root"].map(str::to_string);
+    [
+        Manager { folders: of_user, home, unit: format!("the user's {UNIT}"), edit: "systemctl --user edit" },
+        Manager { folders: places("system").into(), home: root, unit: UNIT.into(), edit: "sudo systemctl edit" },
+    ]
+}
 
 /// All of them.
 pub fn findings(machine: &Machine) -> Vec<Finding> {
@@ -33,7 +55,7 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
         let found = "none is plugged in: the simulated one, held by the mouse in a window, or by a script";
         findings.push(Finding::good("device", found));
     }
-    findings.extend(service(machine));
+    findings.extend(managers(machine).iter().filter_map(|manager| service(machine, manager)));
     findings
 }
 
@@ -148,9 +170,9 @@ fn made_nodes(folder: &Path, deepest: usize, nodes: &mut Vec<String>) {
     }
 }
 
-/// The driver that the service is set up with, if it is.
-fn service(machine: &Machine) -> Option<Finding> {
-    let line = command_of_service(machine)?;
+/// The driver that a manager's service is set up with, if it is.
+fn service(machine: &Machine, manager: &Manager) -> Option<Finding> {
+    let line = command_of_service(machine, &manager.folders)?;
     let mut words = line.split_whitespace().map(|word| word.trim_matches(['"', '\'']));
     let file = loop {
         let word = words.next()?;
@@ -161,22 +183,23 @@ fn service(machine: &Machine) -> Option<Finding> {
             break words.next()?;
         }
     };
-    Some(match (machine.refuses)(&machine.path(file)) {
-        None => Finding::good("driver", format!("{file}, of {UNIT}")),
+    let (file, unit) = (file.replace("%h", &manager.home), &manager.unit);
+    Some(match (machine.refuses)(&machine.path(&file)) {
+        None => Finding::good("driver", format!("{file}, of {unit}")),
         Some(why) => {
             let cure =
-                format!("`sudo systemctl edit {UNIT}` names another one, or none; `hystation conformance driver FILE` tries it");
-            Finding::bad("driver", format!("{file}, of {UNIT}, does not do: {why}"), cure)
+                format!("`{} {UNIT}` names another one, or none; `hystation conformance driver FILE` tries it", manager.edit);
+            Finding::bad("driver", format!("{file}, of {unit}, does not do: {why}"), cure)
         }
     })
 }
 
 /// What starts the service: the last command of the unit and of what an operator added to it, as systemd reads them.
-fn command_of_service(machine: &Machine) -> Option<String> {
-    let has_unit = |folder: &&&str| machine.path(Path::new(folder).join(UNIT)).is_file();
-    let unit = UNIT_FOLDERS.iter().find(has_unit).map(|folder| Path::new(folder).join(UNIT))?;
-    let added = UNIT_FOLDERS.iter().rev().flat_map(|folder| {
-        let folder = Path::new(folder).join(format!("{UNIT}.d"));
+fn command_of_service(machine: &Machine, folders: &[PathBuf]) -> Option<String> {
+    let has_unit = |folder: &&PathBuf| machine.path(folder.join(UNIT)).is_file();
+    let unit = folders.iter().find(has_unit).map(|folder| folder.join(UNIT))?;
+    let added = folders.iter().rev().flat_map(|folder| {
+        let folder = folder.join(format!("{UNIT}.d"));
         let names = machine.names(&folder).into_iter().filter(|name| name.ends_with(".conf"));
         names.map(|name| folder.join(name)).collect::<Vec<_>>()
     });

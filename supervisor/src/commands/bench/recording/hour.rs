@@ -33,6 +33,7 @@ pub(super) fn measured(hour: &Path, folder: &Folder) -> Result<[(Value, Target);
 fn case() -> Result<Judge, Refusal> {
     let brief = json!({
         "name": "bench", "rung": "polyp", "task": "Go on.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
+        "pathologies_m": [[0.01, 0.0, 0.05]], "pathology_sight": { "optic_rad": 0.2, "within_rad": 0.6, "within_m": 0.025 },
         "goals": [{ "words": "all of it and more", "is": { "removed": 1e9 } }],
         "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
         "warnings": [{ "words": "too hard", "is": { "force_above": 1.0 } }],
@@ -52,11 +53,13 @@ fn follow(judge: &mut Judge, block: &mut Block) {
 
 /// Writes the session again and again, each time with the ticks after those before, until the recording has an hour; with what is judged of a case.
 pub(super) fn repeat(session: &Path, hour: &Path) -> Result<(), Refusal> {
-    let (facts, blocks) = blocks(session)?;
+    let (mut facts, blocks) = blocks(session)?;
     let ticks = || blocks.iter().flat_map(|block| &block.applied).map(|record| record.tick);
     let (first, last) = ticks().next().zip(ticks().next_back()).ok_or_else(|| failed(&"the station recorded no tick"))?;
     let length = last + 1 - first;
-    let (mut writer, mut judge) = (Writer::open(hour, &facts).map_err(|e| failed(&e))?, case()?);
+    let mut judge = case()?;
+    facts.insert("case".into(), serde_json::to_string(&judge.brief).map_err(|e| failed(&e))?);
+    let mut writer = Writer::open(hour, &facts).map_err(|e| failed(&e))?;
     for round in 0..HOUR_TICKS.div_ceil(length) {
         for block in &blocks {
             let mut block = block.clone();
@@ -93,7 +96,7 @@ fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
     block.checkpoints.iter_mut().for_each(|kept| kept.tick = to(kept.tick));
 }
 
-/// Its page, in a process of its own.
+/// Its page, in a process of its own: a session of a case, as in a class.
 fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
     let mut command = Command::new(beside("hystation")?);
     command.arg("report").arg(hour).arg("--html").arg(folder.file("hour.html"));
@@ -185,6 +188,8 @@ mod tests {
         assert_eq!((row["last_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK), true), "{row}");
         let kept = Reader::open(&long).unwrap().judged(SOUGHT_TICK).unwrap().unwrap();
         assert_eq!(kept.tick, SOUGHT_TICK, "it goes on from there");
+        let brief = Reader::open(&long).unwrap().session()["case"].clone();
+        assert_eq!(Judge::read(&brief).unwrap(), case().unwrap(), "its report judges by it");
         let (row, target) = gone_on(&long).unwrap();
         assert_eq!((row["last_tick"].as_u64(), target.value.is_some()), (Some(HOUR_TICKS), true), "{row}");
     }

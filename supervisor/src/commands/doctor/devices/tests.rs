@@ -143,3 +143,25 @@ fn the_driver_of_the_service_is_the_one_that_its_last_command_names_and_it_must_
     std::fs::remove_dir_all(made.0.path("etc/systemd/system/hystation.service.d")).unwrap();
     assert_line(&said(&made)[1], "Bad driver: /opt/none", &[]);
 }
+
+/// Nobody asked the driver of the service that the README names first.
+#[test]
+fn the_driver_of_the_users_own_service_is_asked_too_and_each_has_its_cure() {
+    let mut made = MadeUp::new("own-service");
+    made.set("HOME", "/home/ann");
+    made.write("usr/lib/systemd/user/hystation.service", "[Service]\nExecStart=/usr/bin/hystation run\n");
+    assert_eq!(said(&made).len(), 1);
+    let added = "[Service]\nExecStart=\nExecStart=/usr/bin/hystation --name service run polyp --driver %h/omega/driver\n";
+    made.write("home/ann/.config/systemd/user/hystation.service.d/override.conf", added);
+    let bad = "Bad driver: /home/ann/omega/driver, of the user's hystation.service, does not do: is not there";
+    assert_line(&said(&made)[1], bad, &["`systemctl --user edit hystation.service`"]);
+    made.write("home/ann/omega/driver", "");
+    made.write("etc/systemd/system/hystation.service", "ExecStart=/usr/bin/hystation run --driver=%h/driver\n");
+    let [_, own, machines] = &said(&made)[..] else { panic!("{:?}", said(&made)) };
+    assert_line(own, "Good driver: /home/ann/omega/driver, of the user's hystation.service", &[]);
+    assert_line(machines, "Bad driver: /root/driver, of hystation.service, does not do", &["`sudo systemctl edit"]);
+    // Whoever has their settings elsewhere has their units there.
+    made.set("XDG_CONFIG_HOME", "/home/ann/settings");
+    made.write("home/ann/settings/systemd/user/hystation.service", "ExecStart=/usr/bin/hystation run --driver=/opt/none\n");
+    assert_line(&said(&made)[1], "Bad driver: /opt/none, of the user's hystation.service", &[]);
+}
