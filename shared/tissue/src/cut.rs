@@ -101,6 +101,8 @@ pub struct CutReport {
     pub closed_faces: usize,
     /// Nodes copied for it.
     pub copied_nodes: usize,
+    /// Edges of the surface for the eye that the sheet divided: a new vertex each, also where it met no edge of a tet.
+    pub divided_edges: usize,
     /// Parts that share no node, after this sweep; 0 if it changed nothing.
     pub parts: usize,
     /// Tets that were burnt, and their volume at rest, m³.
@@ -116,6 +118,11 @@ impl CutReport {
     /// Whether the mesh is another one than before. (A node that was marked only changes nothing but the marks.)
     pub fn has_changed_mesh(&self) -> bool {
         self.split_edges + self.moved_nodes + self.copied_nodes + self.burnt_tets > 0
+    }
+
+    /// Whether the mesh is another one than before, or the surface for the eye.
+    pub fn has_changed(&self) -> bool {
+        self.has_changed_mesh() || self.divided_edges > 0
     }
 }
 
@@ -294,7 +301,9 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
         tissue.check_shape()?;
         let before = tissue.rest.clone();
         let mut skin = std::mem::take(&mut tissue.skin);
+        let vertices = skin.rest_m.len();
         report.out_of_room += skin.divide(tissue, &sheet, options);
+        report.divided_edges = skin.rest_m.len() - vertices;
         let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
