@@ -146,7 +146,7 @@ pub const MAX_ON_SCOPE_N: f32 = 0.5;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PieceFlow {
-    /// Registration number of the piece; 0, which the organ has, if there is none.
+    /// Registration number of the piece; where there is none it is 0, and so is the velocity. Those come last.
     pub object: u32,
     /// Mean velocity of the medium where it is, m/s.
     pub velocity_m_s: [f32; 3],

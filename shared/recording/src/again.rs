@@ -69,7 +69,8 @@ impl Input {
         if is_usual && is_told && lag.is_none() {
             return None;
         }
-        let pieces = record.pieces.iter().filter(|piece| piece.object != 0);
+        // A piece may have the number 0, which says that there is none where the medium stands still.
+        let pieces = record.pieces.iter().filter(|piece| piece.object != 0 || bits(piece.velocity_m_s) != [0; 3]);
         Some(Input {
             tick: record.tick,
             pressure_pa: Number(record.pressure_pa),
@@ -158,5 +159,28 @@ impl Step {
             incarnation: self.incarnation,
             step_ticks: self.step_ticks,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_flow_at_every_piece_is_done_again_also_where_the_first_object_is_one() {
+        for (object, velocity_m_s) in [(0, [0.1, -0.0, 1.0 / 3.0]), (0, [0.0; 3]), (3, [0.0; 3])] {
+            let mut pieces = [PieceFlow::default(); MAX_PIECES];
+            pieces[0] = PieceFlow { object, velocity_m_s };
+            pieces[1] = PieceFlow { object: 4, velocity_m_s: [0.2; 3] };
+            let record = AppliedRecord { tick: 7, pieces, ..Default::default() };
+            let inputs = BTreeMap::from([(7, Input::of(&record, None).expect("the first record of a recording"))]);
+            let mut again = [AppliedRecord { tick: 7, ..Default::default() }];
+            Input::complete(&mut again, &inputs);
+            let told = |pieces: &[PieceFlow]| pieces.iter().map(|flow| (flow.object, flow.velocity_m_s)).collect::<Vec<_>>();
+            let mut expected = told(&pieces);
+            // A piece of that number in a medium at rest is as good as none.
+            expected.retain(|(object, velocity_m_s)| *object != 0 || *velocity_m_s != [0.0; 3]);
+            assert_eq!(told(&again[0].pieces)[..expected.len()], expected, "object {object}");
+        }
     }
 }
