@@ -56,14 +56,14 @@ const LAST_LOOK_NS: u64 = 3_000_000_000;
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
 const STOP_NS: u64 = 4_000_000_000;
-/// What a station needs in /dev/shm. The default scene's streams are 240 MiB if every message of every segment has been used and as much has been cut
-/// as there is room for (176 MiB were in use after 15 s, `du -c /dev/shm/*NAME*` beside `ls -l`, 2-core EPYC VM, 2026-11-22); while a fluid and a tissue
-/// are replaced, 28 and 76 MiB more.
-pub const NEEDED_BYTES: u64 = 344 << 20;
+/// What a station needs in /dev/shm, calculated for the default scene with two workers. Each of two tissues has 259 MiB if every message of its segments
+/// has been used and as much has been cut as there is room for: 117 states of 1.69 MB, 47 topologies of 1.26 MB, 15 jobs of 0.34 MB, 6 checkpoints. The
+/// rest has 90 MiB (`ls -l /dev/shm`, 2026-11-22). While a fluid and a tissue are replaced, 28 and 259 MiB more.
+pub const NEEDED_BYTES: u64 = 896 << 20;
 /// Bytes of the nodes and the surface in a state of the default scene.
 const DEFAULT_STATE_BYTES: u64 = 41_000;
-/// What each further byte of a tissue's nodes and surface takes: 142 MiB more for 40 kB more (`three-polyps.toml` beside the default scene, in the same
-/// way); and a third of it again while a tissue is replaced.
+/// What each further byte of a tissue's nodes and surface takes in three tissues, calculated likewise: 3 054 (`three-polyps.toml`) as long as half of a
+/// mesh is less than the least room for what is cut, 4 700 where there are five tets for a node and that half is more.
 const EACH_STATE_BYTE: u64 = 5_000;
 
 /// What a station whose tissue has a state of this length needs in /dev/shm.
