@@ -11,7 +11,7 @@ use crate::lanes::{Boxes, Corners, TETS, Tests};
 use crate::tet::{TetTest, max, min};
 use crate::types::{Found, Hit, Points, Share, Tissue};
 
-/// Tests one share of the hashed points against all tets.
+/// Tests one share: of the hashed points against all tets, or of the tets against all points.
 ///
 /// Writes the hits to the front of `out`; [`Found::dropped`] counts those that did not fit (size `out` at two per point of the
 /// share and object). With hits dropped the list is incomplete but each entry is true.

@@ -31,8 +31,9 @@ pub struct Found {
 pub enum Split {
     /// Equal sets of points, neighbours in space: each worker streams all tets past its points. The paper's way.
     Points,
-    /// Equal sets of tets, dealt like cards: each worker streams its tets past all points. Scales better, because reading
-    /// the tets is the larger part of the work, and because a set of points may lie wholly outside of the tissue.
+    /// Equal sets of tets, dealt like cards: each worker streams its tets past all points. The station's way. Scales better, because
+    /// reading the tets is the larger part of the work, and because a set of points may lie wholly outside of the tissue
+    /// (`examples/contact_bench` times both).
     Tets,
 }
 
