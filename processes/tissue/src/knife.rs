@@ -4,6 +4,9 @@
 //! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
 //! that decides by the state alone, too. Under the current that coagulates the wire cuts nothing, and is as solid as a cold one.
 
+#[cfg(test)]
+mod tests;
+
 use crate::body::{Body, Piece, Room};
 use crate::world::{Case, World};
 use glam::{Quat, Vec3};
@@ -210,76 +213,4 @@ pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
 fn volume_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
     let is_counted: Vec<bool> = (0..).zip(&world.objects).map(|(object, record)| is_counted(object, record)).collect();
     world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::world::Workshop;
-    use hyst_tissue::{Isa, Skin};
-
-    /// How long the wire is, and how far it goes: so far that it cuts, m.
-    const WIRE_M: f32 = 0.2e-3;
-    const WAY_M: f32 = 0.6e-3;
-    /// All edges of the tets are farther than this from the middle of what it sweeps, which reaches 0.32 mm from there, m.
-    const CLEAR_M: f32 = 0.5e-3;
-
-    /// How far a point is from the piece of a line between two others, m.
-    fn away_m(point: Vec3, [from, to]: [Vec3; 2]) -> f32 {
-        let along = to - from;
-        let share = ((point - from).dot(along) / along.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
-        point.distance(from + share * along)
-    }
-
-    /// A triangle of the surface, its first two corners the ends of an edge whose middle is far from all edges of the tets.
-    fn bare_edge(world: &World) -> Option<[[f32; 3]; 3]> {
-        const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-        let (rest, skin) = (&world.body.rest, &world.body.skin);
-        let at = |node: u32| Vec3::from(rest.positions_m[node as usize]);
-        let edges = |tet: &[u32; 4]| EDGES.map(|[a, b]| [at(tet[a]), at(tet[b])]);
-        let is_bare = |[from, to, _]: &[[f32; 3]; 3]| {
-            let middle = Vec3::from(*from).midpoint(Vec3::from(*to));
-            Vec3::from(*from).distance(middle) > CLEAR_M
-                && rest.tets.iter().flat_map(edges).all(|edge| away_m(middle, edge) > CLEAR_M)
-        };
-        let corners = skin.triangles.iter().map(|triangle| triangle.map(|vertex| skin.rest_m[vertex as usize]));
-        corners.flat_map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]]).find(is_bare)
-    }
-
-    /// Whether an edge of a surface has these ends.
-    fn has_edge(skin: &Skin, ends: &[[f32; 3]]) -> bool {
-        let has = |triangle: &[u32; 3], end: &[f32; 3]| triangle.iter().any(|vertex| skin.rest_m[*vertex as usize] == *end);
-        skin.triangles.iter().any(|triangle| ends.iter().all(|end| has(triangle, end)))
-    }
-
-    #[test]
-    fn a_wire_that_meets_the_surface_and_no_edge_of_a_tet_leaves_it_divided() {
-        let scene = hyst_scene::load_embedded().unwrap();
-        let (mut workshop, world) = Workshop::open(&scene, Isa::detect()).unwrap();
-        let corners = bare_edge(&world).expect("the surface has an edge that is far from those of the tets");
-        let [a, b, c] = corners.map(Vec3::from);
-        // The wire stands upright on the surface and goes across the edge's middle.
-        let upright = (b - a).cross(c - a).normalize();
-        let across = (b - a).normalize().cross(upright);
-        let wire_at = |share: f32| {
-            let middle = a.midpoint(b) + share * WAY_M * across;
-            [-0.5, 0.5].map(|end: f32| (middle + end * WIRE_M * upright).to_array())
-        };
-        let (positions_m, velocities_m_s) = (world.model.rest_m(), vec![[0.0; 3]; world.model.node_count()]);
-        let nodes = (positions_m, &velocities_m_s[..]);
-        let (mut knife, mut stroke) = (Knife::default(), Vec::<u32>::new());
-        let begun = knife.sweep(&world, Some(&wire_at(-0.5)[..]), &[], nodes).unwrap();
-        assert!(matches!(begun, Stroke::GoesOn { .. }), "{begun:?}");
-        stroke.resize(knife.stroke_bytes() / size_of::<u32>(), 0);
-        knife.write_stroke(bytemuck::cast_slice_mut(&mut stroke));
-        let (body, parted) = match knife.sweep(&world, Some(&wire_at(0.5)[..]), bytemuck::cast_slice(&stroke), nodes).unwrap() {
-            Stroke::Cut { body, parted, .. } => (body, parted),
-            other => panic!("the surface is what it was: {other:?}"),
-        };
-        assert!(body.rest == world.body.rest && parted.is_empty(), "no tet is cut: {parted:?}");
-        assert!(has_edge(&world.body.skin, &corners[..2]) && !has_edge(&body.skin, &corners[..2]), "the edge is not divided");
-        let next = workshop.make(*body).unwrap();
-        assert!(next.version != world.version && next.model.tets() == world.model.tets(), "another surface of the same tissue");
-        assert_eq!((removed_m3(&world, &next), healthy_removed_m3(&world, &next)), (0.0, 0.0));
-    }
 }

@@ -6,12 +6,14 @@
 //! node is copied for each part of its star that hangs together by faces. Nodes on the sheet are *marked* until the stroke ends, so that the sheet
 //! of the next tick goes on where this one ended; and so that it begins there although the tissue has moved, the wire is kept by the tets it was in.
 //!
-//! Promises, each a property test (`tests/cutting`, `tests/cuts_through`): the volume is kept, but for pieces that were burnt away; every tet keeps a positive volume at
-//! rest and a quality above a bound; the boundary stays a 2-manifold, for faces that would spoil it stay closed; mass and momentum are kept; same
-//! tissue, same sweep: same bits. Everything that a later tick needs is in the [`Cuttable`], which is plain data: whoever holds it continues.
+//! Promises, each a property test (`tests/cutting`, `tests/cuts_through`): the volume of each region and material is kept, but for pieces that were
+//! burnt away; every tet keeps a positive volume at rest and a quality above a bound; the boundary stays a 2-manifold, for faces that would spoil it
+//! stay closed; mass and momentum are kept, and held nodes stay where they are; same tissue, same sweep: same bits. Everything that a later tick needs
+//! is in the [`Cuttable`], which is plain data: whoever holds it continues.
 
 mod enclosed;
 mod fans;
+mod places;
 mod refine;
 mod separate;
 mod sheet;
@@ -19,13 +21,12 @@ mod skin;
 mod wire;
 
 use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
+use places::corners;
 use refine::Work;
 use sheet::Sheet;
 
 pub use skin::Skin;
 pub use wire::Seat;
-
-use glam::{DMat3, DVec3};
 
 /// A tissue as it can be cut: its mesh at rest, where it is now, and where the stroke runs that is under way.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -354,52 +355,4 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
         let mut kept = is_kept.into_iter();
         tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
     }
-}
-
-/// The box around some points; around none, one that touches nothing.
-#[derive(Debug, Clone, Copy)]
-struct Bounds {
-    low_m: DVec3,
-    high_m: DVec3,
-}
-
-impl Bounds {
-    fn around(points_m: impl IntoIterator<Item = DVec3>) -> Bounds {
-        let none = Bounds { low_m: DVec3::MAX, high_m: DVec3::MIN };
-        let with = |around: Bounds, point: DVec3| Bounds { low_m: around.low_m.min(point), high_m: around.high_m.max(point) };
-        points_m.into_iter().fold(none, with)
-    }
-
-    fn with(self, other: Bounds) -> Bounds {
-        Bounds { low_m: self.low_m.min(other.low_m), high_m: self.high_m.max(other.high_m) }
-    }
-
-    /// The longest side, m.
-    fn extent_m(&self) -> f64 {
-        (self.high_m - self.low_m).max_element()
-    }
-
-    fn touches(&self, other: &Bounds) -> bool {
-        self.low_m.cmple(other.high_m).all() && self.high_m.cmpge(other.low_m).all()
-    }
-}
-
-/// A point in double precision.
-fn at(positions_m: &[[f32; 3]], node: u32) -> DVec3 {
-    DVec3::from_array(positions_m[node as usize].map(f64::from))
-}
-
-/// The corners of a tet.
-fn corners(positions_m: &[[f32; 3]], tet: [u32; 4]) -> [DVec3; 4] {
-    tet.map(|node| at(positions_m, node))
-}
-
-/// Weights of the corners of a tet for a point; not finite where the tet has no volume.
-fn barycentric([a, b, c, d]: [DVec3; 4], point: DVec3) -> [f64; 4] {
-    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (point - a);
-    [1.0 - others.element_sum(), others.x, others.y, others.z]
-}
-
-fn to_single(point: DVec3) -> [f32; 3] {
-    point.to_array().map(|coordinate| coordinate as f32)
 }

@@ -243,17 +243,42 @@ fn options(tissue: &Cuttable, room: Option<[f64; 4]>) -> CutOptions {
     CutOptions { max_nodes, max_tets, max_vertices, max_triangles, ..CutOptions::default() }
 }
 
+/// Makes a tissue of two materials, one in each half of its length.
+fn of_two_materials(tissue: &mut Cuttable) {
+    let (low, high) = box_around(&tissue.rest.positions_m);
+    let rest = &tissue.rest;
+    let middle_x = |tet: &[u32; 4]| tet.iter().map(|node| rest.positions_m[*node as usize][0]).sum::<f32>() / 4.0;
+    tissue.material = rest.tets.iter().map(|tet| 1 + u32::from(middle_x(tet) > 0.5 * (low.x + high.x))).collect();
+}
+
+/// Holds the lowest fifth of a tissue, which stands still then.
+fn hold(tissue: &mut Cuttable) {
+    let (low, high) = box_around(&tissue.rest.positions_m);
+    for (node, place) in tissue.rest.positions_m.iter().enumerate() {
+        if place[2] < low.z + 0.2 * (high.z - low.z) {
+            (tissue.fixed[node], tissue.velocity_m_s[node]) = (true, [0.0; 3]);
+        }
+    }
+}
+
 /// Strokes through a mesh with a surface for the eye, each of them in half of the cases through another shape than that at rest; in a quarter of the cases there is
-/// room for little.
+/// room for little. In half of them it is of two materials, and in half of them a part of it is held.
 fn random_strokes(mesh: TetMesh, cases: u32, seed: u64) {
     let fresh = in_its_boundary(Cuttable::at_rest(mesh));
     let config = ProptestConfig { cases, rng_seed: RngSeed::Fixed(seed), failure_persistence: None, ..ProptestConfig::default() };
     let strokes = prop::collection::vec((stroke(), prop::array::uniform9(-1.0_f32..1.0)), 1..4);
     let room = prop::option::weighted(0.25, prop::array::uniform4(0.0_f64..1.0));
-    proptest!(config, |(strokes in strokes, is_deformed in any::<bool>(), room in room)| {
+    let kind = (any::<bool>(), any::<bool>());
+    proptest!(config, |(strokes in strokes, is_deformed in any::<bool>(), room in room, (is_of_two, is_held) in kind)| {
         let mut tissue = fresh.clone();
         for (node, velocity) in tissue.velocity_m_s.iter_mut().enumerate() {
             *velocity = [0.01 * (node % 7) as f32, 0.02, -0.01 * (node % 3) as f32];
+        }
+        if is_of_two {
+            of_two_materials(&mut tissue);
+        }
+        if is_held {
+            hold(&mut tissue);
         }
         let options = options(&fresh, room);
         for (stroke, draws) in strokes {

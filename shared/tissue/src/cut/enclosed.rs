@@ -2,9 +2,10 @@
 //! behind the wire stays closed, for which a chip of a hundred tets would hang on. Once there is no way from a piece to the rest but
 //! through faces that the sheet has passed, all of these are opened, whichever side their tets were taken to be on.
 
+use super::CutReport;
+use super::places::{at, corners};
 use super::refine::Work;
 use super::separate::Face;
-use super::{CutReport, at, corners};
 use glam::DVec3;
 use hyst_mesh::signed_volume;
 use std::collections::BTreeSet;

@@ -1,7 +1,8 @@
 //! Makes the mesh fit the sheet: snaps nodes to it and bisects edges, until no edge leads from one side to the other.
 
+use super::places::{at, corners, to_single};
 use super::sheet::{Crossing, Sheet};
-use super::{CutOptions, CutReport, Cuttable, at, corners, to_single};
+use super::{CutOptions, CutReport, Cuttable};
 use glam::{DMat3, DVec3};
 use hyst_mesh::{quality, signed_volume};
 

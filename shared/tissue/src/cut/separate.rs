@@ -1,8 +1,9 @@
 //! Opens the faces that lie between the two sides of the sheet.
 
+use super::CutReport;
 use super::fans::{Fan, faces_at, fan};
+use super::places::at;
 use super::refine::Work;
-use super::{CutReport, at};
 use glam::DVec3;
 
 /// Times that faces are taken back because of what they would make of the boundary; after these none is opened.

@@ -1,7 +1,8 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
+use super::Cuttable;
+use super::places::{Bounds, corners};
 use super::wire::Motion;
-use super::{Bounds, Cuttable, corners};
 use glam::DVec3;
 
 /// A triangle has no normal if its area is a smaller share than this of its longest edge squared: 1 µm of way for 1 m of wire.

@@ -5,8 +5,9 @@
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
 
+use super::places::{Bounds, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
-use super::{Bounds, CutOptions, Cuttable, at, barycentric, corners, to_single};
+use super::{CutOptions, Cuttable};
 use glam::DVec3;
 use hyst_mesh::{Binding, FACES, TetMesh};
 use std::collections::BTreeMap;

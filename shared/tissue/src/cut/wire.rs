@@ -1,7 +1,8 @@
 //! Where the wire was in the tissue. Between two ticks both move: what the wire has cut through is what it was swept past in the tissue, so each
 //! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
 
-use super::{Bounds, Cuttable, at, barycentric, corners, to_single};
+use super::Cuttable;
+use super::places::{Bounds, at, barycentric, corners, to_single};
 use glam::DVec3;
 
 /// A point of the wire, as the tissue saw it last.

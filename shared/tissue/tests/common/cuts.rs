@@ -4,6 +4,7 @@ use super::block;
 use glam::{DVec3, Vec3};
 use hyst_mesh::{TetMesh, TriangleMesh, bind, boundary, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
 use hyst_tissue::{CutOptions, CutReport, Cuttable, Skin, cut};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 pub fn shipped(name: &str) -> TetMesh {
@@ -95,8 +96,51 @@ pub fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, opt
             assert_eq!(of(before), of(after), "node {node}");
         }
     }
+    assert_kinds(before, after, report);
+    assert_held(before, after);
     assert_sound_now(before, after, report);
     assert_bound(before, after, options);
+}
+
+/// Volume of what is of one region and of one material, m³.
+fn kinds_m3(tissue: &Cuttable) -> BTreeMap<(u32, Option<u32>), f64> {
+    let mut kinds = BTreeMap::new();
+    for (tet, volume) in shape(&tissue.rest).0.into_iter().enumerate() {
+        *kinds.entry((tissue.rest.regions[tet], tissue.material.get(tet).copied())).or_insert(0.0) += volume;
+    }
+    kinds
+}
+
+/// What a tet is of and what it is made of goes with its parts: each kind keeps its volume, but for what is burnt.
+fn assert_kinds(before: &Cuttable, after: &Cuttable, report: &CutReport) {
+    assert_eq!(after.material.len(), if before.material.is_empty() { 0 } else { after.rest.tets.len() });
+    let (old, new) = (kinds_m3(before), kinds_m3(after));
+    assert!(new.keys().all(|kind| old.contains_key(kind)), "{:?} became {:?}", old.keys(), new.keys());
+    let rounding_m3 = 2e-6 * old.values().sum::<f64>();
+    for (kind, old_m3) in old {
+        let lost_m3 = old_m3 - new.get(&kind).copied().unwrap_or(0.0);
+        let most_m3 = if report.burnt_tets == 0 { 0.0 } else { report.burnt_m3 };
+        assert!(
+            (-rounding_m3..=most_m3 + rounding_m3).contains(&lost_m3),
+            "{lost_m3} of {old_m3} m³ of {kind:?} are lost: {report:?}"
+        );
+    }
+}
+
+/// A held node stays where it is and as it moves, and so does none that was not; of nodes at one place at rest all are held or none.
+fn assert_held(before: &Cuttable, after: &Cuttable) {
+    let used = |tissue: &Cuttable| tissue.rest.tets.iter().flatten().map(|node| *node as usize).collect::<BTreeSet<usize>>();
+    for node in used(before) {
+        assert_eq!(before.fixed[node], after.fixed[node], "node {node}");
+        let of = |tissue: &Cuttable| (tissue.rest.positions_m[node], tissue.position_m[node], tissue.velocity_m_s[node]);
+        assert!(!before.fixed[node] || of(before) == of(after), "held node {node}: {:?} became {:?}", of(before), of(after));
+    }
+    let place = |node: usize| (after.rest.positions_m[node].map(f32::to_bits), after.fixed[node]);
+    let places: BTreeMap<[u32; 3], bool> = used(after).into_iter().map(place).collect();
+    for node in used(after) {
+        let (at, is_held) = place(node);
+        assert_eq!(places[&at], is_held, "node {node} is held, or not, and another one at its place is not, or is");
+    }
 }
 
 /// What must hold where the tissue is now, bent as it may be: nodes lie on edges and are moved along edges in both shapes alike. So nothing turns inside out that
