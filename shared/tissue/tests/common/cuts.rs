@@ -119,9 +119,8 @@ fn assert_kinds(before: &Cuttable, after: &Cuttable, report: &CutReport) {
     let rounding_m3 = 2e-6 * old.values().sum::<f64>();
     for (kind, old_m3) in old {
         let lost_m3 = old_m3 - new.get(&kind).copied().unwrap_or(0.0);
-        let most_m3 = if report.burnt_tets == 0 { 0.0 } else { report.burnt_m3 };
         assert!(
-            (-rounding_m3..=most_m3 + rounding_m3).contains(&lost_m3),
+            (-rounding_m3..=report.burnt_m3 + rounding_m3).contains(&lost_m3),
             "{lost_m3} of {old_m3} m³ of {kind:?} are lost: {report:?}"
         );
     }
