@@ -35,9 +35,9 @@ impl Room {
         let more = |count: usize, least: usize| count + (count / 2).max(least);
         Room {
             nodes: more(body.rest.positions_m.len(), 4_608),
-            tets: more(body.rest.tets.len(), 9_216),
-            vertices: more(body.skin.rest_m.len(), 16_384),
-            triangles: more(body.skin.triangles.len(), 24_576),
+            tets: more(body.rest.tets.len(), 8_192),
+            vertices: more(body.skin.rest_m.len(), 6_144),
+            triangles: more(body.skin.triangles.len(), 8_192),
             objects,
             regions,
         }

@@ -3,7 +3,7 @@
 
 use hyst_coupling::{BUTTON_ENERGIZED, DofLimits, HandModel, HandState, Leg, Pose4, hand_along, hand_dynamics};
 use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
-use hyst_scene::{HandLeg, LoadedHand, LoadedScene, Pose, load};
+use hyst_scene::{HandLeg, LoadedHand, LoadedScene, Pose, find_case, load};
 use hyst_tissue::{CutOptions, Cuttable, cut, join};
 use std::path::{Path, PathBuf};
 
@@ -131,4 +131,19 @@ fn a_chip_comes_off_also_where_the_tissue_is_a_little_beside_its_place() {
             }
         }
     }
+}
+
+#[test]
+fn half_of_the_myoma_is_sliced_off_layer_by_layer() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/cases/myoma.toml");
+    let scene = find_case(&path, None).unwrap().expect("it is a case").scene;
+    let hand = scene.hand("slices").unwrap();
+    let target = hand.target.unwrap() as u32;
+    let mut tissue = cuttable(&scene);
+    let whole_mm3: f64 = volumes_mm3(&parts(&tissue), target).iter().sum();
+    let burnt_mm3 = resect(&scene, hand, &mut tissue, EVERY_MS[0]);
+    let volumes_mm3 = volumes_mm3(&parts(&tissue), target);
+    let stays_mm3 = volumes_mm3.last().unwrap();
+    println!("{} chips of {whole_mm3:.0} mm³ leave {stays_mm3:.0} mm³, {burnt_mm3:.1} mm³ burnt", volumes_mm3.len() - 1);
+    assert!(*stays_mm3 < 0.5 * whole_mm3, "{stays_mm3} of {whole_mm3} mm³ hang together");
 }
