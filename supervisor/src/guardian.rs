@@ -56,10 +56,10 @@ const LAST_LOOK_NS: u64 = 3_000_000_000;
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
 const STOP_NS: u64 = 4_000_000_000;
-/// What a station needs in /dev/shm, calculated for the default scene with two workers. Each of two tissues has 259 MiB if every message of its segments
-/// has been used and as much has been cut as there is room for: 117 states of 1.69 MB, 47 topologies of 1.26 MB, 15 jobs of 0.34 MB, 6 checkpoints. The
-/// rest has 90 MiB (`ls -l /dev/shm`, 2026-11-22). While a fluid and a tissue are replaced, 28 and 259 MiB more.
-pub const NEEDED_BYTES: u64 = 896 << 20;
+/// What a station needs in /dev/shm, calculated for the default scene with two workers. Each of two tissues has 163 MiB if every message of its segments
+/// has been used and as much has been cut as there is room for: 117 states of 1.02 MB, 47 topologies of 0.85 MB, 15 jobs of 0.34 MB, 6 checkpoints. The
+/// rest has 90 MiB (`ls -l /dev/shm`, 2026-11-22). While a fluid and a tissue are replaced, 28 and 163 MiB more.
+pub const NEEDED_BYTES: u64 = 608 << 20;
 /// Bytes of the nodes and the surface in a state of the default scene.
 const DEFAULT_STATE_BYTES: u64 = 41_000;
 /// What each further byte of a tissue's nodes and surface takes in three tissues, calculated likewise: 3 054 (`three-polyps.toml`) as long as half of a

@@ -123,7 +123,7 @@ pub fn check_folder(folder: &Path, kind: FaultKind) -> Result<(), String> {
     }
     let cure = match kind {
         FaultKind::ShmFull => {
-            "give the station a small one of its own: unshare -m sh -c 'mount -t tmpfs -o size=1g none /dev/shm; exec hystation run …'"
+            "give the station a small one of its own: unshare -m sh -c 'mount -t tmpfs -o size=768m none /dev/shm; exec hystation run …'"
         }
         _ => "record onto a small one: mount -t tmpfs -o size=256m none FOLDER, and --record FOLDER/session.mcap",
     };

@@ -248,7 +248,7 @@ fn a_disk_that_stands_still_for_six_seconds_costs_the_recording_nothing() {
 #[test]
 fn a_shared_memory_that_is_full_for_two_seconds_applies_no_wrong_force_and_who_died_in_it_comes_back() {
     let folder = Folder::new("shmfull");
-    let mount = "mount -t tmpfs -o size=960m none /dev/shm";
+    let mount = "mount -t tmpfs -o size=672m none /dev/shm";
     let fault = "[[fault]]\nkind = \"shm-full\"\ntarget = \"recorder\"\ntick = 5000\nfor = 2.0\n\
                  [[fault]]\nkind = \"kill\"\ntarget = \"fluid:active\"\ntick = 5500\n";
     let Some((report, said)) = run_on_small("shmfull", &folder, mount, &folder.path("session.mcap"), fault) else { return };

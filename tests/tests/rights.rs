@@ -55,7 +55,7 @@ fn a_full_shared_memory_is_one_error_and_leaves_nothing() {
     let folder = Folder::new("full");
     let large = folder.write("large.msh", &block(14));
     // The third one has room for a station, but not for one of this organ; of the last one others have the half.
-    let cases = [("16m", "", "1", 2), ("96m", "", "1", 2), ("912m", large.as_str(), "1", 2), ("1g", "", "256M", 1)];
+    let cases = [("16m", "", "1", 2), ("96m", "", "1", 2), ("640m", large.as_str(), "1", 2), ("768m", "", "256M", 1)];
     for (size, scene, others, expected) in cases {
         let program = binaries().join("hystation");
         let script = format!(

@@ -234,7 +234,7 @@ fn assert_class(manager: &Manager) {
 fn assert_waits_for_room(manager: &Manager) {
     manager.edit("--hand script:press");
     let status = || manager.inside("systemctl status hystation").1;
-    let fill = "mount -o remount,size=1g /dev/shm && fallocate -l 256M /dev/shm/others";
+    let fill = "mount -o remount,size=768m /dev/shm && fallocate -l 256M /dev/shm/others";
     let (code, _, said) = manager.inside(&format!("{fill} && systemctl start --no-block hystation"));
     assert_eq!(code, Some(0), "{said}");
     let waits = || manager.show("ActiveState") == "activating" && manager.show("NRestarts") == "0";

@@ -68,15 +68,15 @@ mod tests {
     #[test]
     fn what_is_too_small_as_a_whole_is_bad_input_and_what_others_fill_is_worth_another_try() {
         let code = |free_mib: u64, all_mib: u64| {
-            let refusal = Space { free: free_mib << 20, all: all_mib << 20 }.refuses(896 << 20)?;
-            let words = format!("/dev/shm has {free_mib} MiB free of {all_mib}, a station needs 896; ");
+            let refusal = Space { free: free_mib << 20, all: all_mib << 20 }.refuses(608 << 20)?;
+            let words = format!("/dev/shm has {free_mib} MiB free of {all_mib}, a station needs 608; ");
             assert!(refusal.message.starts_with(&words) && refusal.message.contains("remount"), "{}", refusal.message);
             assert_eq!(refusal.message.contains("ls -l"), refusal.code == 1, "{}", refusal.message);
             Some(refusal.code)
         };
-        assert_eq!([code(896, 896), code(896, 1_024), code(1_024, 1_024)], [None; 3]);
-        assert_eq!([code(64, 64), code(895, 895), code(0, 100)], [Some(2); 3]);
-        assert_eq!([code(895, 896), code(0, 1_024)], [Some(1); 2]);
+        assert_eq!([code(608, 608), code(608, 1_024), code(1_024, 1_024)], [None; 3]);
+        assert_eq!([code(64, 64), code(607, 607), code(0, 100)], [Some(2); 3]);
+        assert_eq!([code(607, 608), code(0, 1_024)], [Some(1); 2]);
     }
 
     /// To whom 5 GiB were lacking a cure of 1 GiB was named.
@@ -85,8 +85,8 @@ mod tests {
         let cure = |free_mib: u64, all_mib: u64, needed_mib: u64| {
             Space { free: free_mib << 20, all: all_mib << 20 }.refuses(needed_mib << 20).unwrap().message
         };
-        assert!(cure(64, 64, 896).contains("size=1g /dev/shm`, docker: --shm-size=1g"));
-        assert!(cure(300, 1_024, 896).contains("size=2g"), "what others have there stays");
+        assert!(cure(64, 64, 608).contains("size=1g /dev/shm`, docker: --shm-size=1g"));
+        assert!(cure(300, 1_024, 608).contains("size=2g"), "what others have there stays");
         assert!(cure(1_024, 1_024, 5_200).contains("size=6g"));
         assert_eq!([0, 1 << 30, (1 << 30) + 1].map(size_for), ["1g", "1g", "2g"]);
     }

@@ -6,8 +6,8 @@ use hyst_exchange::system;
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 
-/// What a station should find free, bytes: three quarters more than one of the default scene takes (docs/speed.md).
-const MEMORY_BYTES: u64 = 3 << 29;
+/// What a station should find free, bytes: half as much again as one of the default scene takes.
+const MEMORY_BYTES: u64 = 1 << 30;
 /// What the kernels of tissue, contact and flow are written for, as the kernel calls it; without one of these they take one number at a time.
 const WANTED: [&str; 7] = ["avx", "avx2", "fma", "bmi1", "bmi2", "abm", "popcnt"];
 
@@ -97,7 +97,7 @@ fn memory(machine: &Machine) -> Finding {
         None => Finding::good(WHAT, "unknown"),
         Some(bytes) if bytes < MEMORY_BYTES => Finding::weak(
             WHAT,
-            format!("{} MiB available, and a station takes some 900: where there is none the kernel ends a process", bytes >> 20),
+            format!("{} MiB available, and a station takes some 700: where there is none the kernel ends a process", bytes >> 20),
             "end other programs, or give the machine more memory",
         ),
         Some(bytes) => Finding::good(WHAT, format!("{} MiB available", bytes >> 20)),

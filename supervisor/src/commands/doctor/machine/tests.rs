@@ -80,7 +80,7 @@ fn shared_memory_is_a_tmpfs_with_room_that_may_be_written() {
     assert_says(
         shared_memory(&made.0, Some(full)),
         State::Bad,
-        &["895 MiB free of 8192 MiB", "remount,size=9g", "--shm-size=9g"],
+        &["607 MiB free of 8192 MiB", "remount,size=9g", "--shm-size=9g"],
     );
     made.0.may = |_, access| !access.contains(Access::WRITE_OK);
     assert_says(shared_memory(&made.0, Some(ROOM)), State::Bad, &["may not be written", "chmod 1777"]);
