@@ -72,14 +72,14 @@ mod tests {
 
     /// What is allowed, as a share of the largest figure of the converged solution.
     const MOST: f64 = 0.05;
-    /// Ticks of the hand: it has pressed with more than a newton by then.
+    /// Ticks of the hand: it has pressed with half a newton and more by then.
     const TICKS: usize = 1_000;
 
     fn assert_near(name: &str, finer: u32) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes").join(format!("{name}.toml"));
         let apart = apart(&hyst_scene::load(&path).unwrap(), [1, finer], TICKS).unwrap();
         println!("{name}, beside {finer} times as fine: {apart:?}");
-        assert!(apart.most_n > 1.0 && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
+        assert!(apart.most_n > 0.5 && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
         assert!(apart.force < MOST && apart.displacement < MOST, "{name}: {apart:?}");
         assert!(apart.force > 0.0, "{name}: the two are one");
     }
