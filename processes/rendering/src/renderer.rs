@@ -328,6 +328,10 @@ fn scene_bindings(
 }
 
 #[cfg(test)]
+#[path = "../tests/support/vulkan.rs"]
+mod vulkan;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::{Appearance, Camera, Endoscope, Material, Prefer, SurfaceMesh, shapes};
@@ -336,14 +340,8 @@ mod tests {
 
     /// `None` where the machine is declared to have no Vulkan.
     fn renderer() -> Option<Renderer> {
-        match Gpu::new(Prefer::Software) {
-            Ok(gpu) => Some(Renderer::new(gpu, 64, 48).expect("the software adapter takes every shader")),
-            Err(error) if std::env::var("HYSTATION_NO_GPU").is_ok_and(|value| value == "1") => {
-                eprintln!("not tested, HYSTATION_NO_GPU=1: {error}");
-                None
-            }
-            Err(error) => panic!("{error} (or set HYSTATION_NO_GPU=1 where there is none)"),
-        }
+        let gpu = vulkan::unless_declared_absent(Gpu::new(Prefer::Software))?;
+        Some(Renderer::new(gpu, 64, 48).expect("the software adapter takes every shader"))
     }
 
     /// wgpu treats a device that was taken back as one that its driver has lost: what was made with it is of no use, and no more is made.

@@ -1,4 +1,7 @@
 //! Promises of the scenery: what makes no sense changes nothing, and a number means what it means in the topology that is shown.
+#[path = "../../tests/support/vulkan.rs"]
+mod vulkan;
+
 use super::*;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{MessageMut, StreamHeader};
@@ -102,14 +105,8 @@ fn topology(version: u32, kinds: &[u32]) -> Vec<u64> {
 
 /// `None` where the machine is declared to have no Vulkan.
 fn renderer() -> Option<Renderer> {
-    match Gpu::new(Prefer::Software) {
-        Ok(gpu) => Some(Renderer::new(gpu, 64, 48).expect("the software adapter takes every shader")),
-        Err(error) if std::env::var("HYSTATION_NO_GPU").is_ok_and(|value| value == "1") => {
-            eprintln!("not tested, HYSTATION_NO_GPU=1: {error}");
-            None
-        }
-        Err(error) => panic!("{error} (or set HYSTATION_NO_GPU=1 where there is none)"),
-    }
+    let gpu = vulkan::unless_declared_absent(Gpu::new(Prefer::Software))?;
+    Some(Renderer::new(gpu, 64, 48).expect("the software adapter takes every shader"))
 }
 
 /// From before the tip of an instrument that lies at the origin, along +z.

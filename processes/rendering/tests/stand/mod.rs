@@ -1,6 +1,10 @@
 //! What the picture tests share: a cavity on the software rasterizer at a low resolution.
 //! Without Vulkan these tests fail, unless HYSTATION_NO_GPU=1 says that this machine is known to have none.
 #![allow(dead_code, missing_docs)] // each test file uses a part of it
+
+#[path = "../support/vulkan.rs"]
+mod vulkan;
+
 use rendering::{Appearance, Camera, Endoscope, External, Gpu, Material, Prefer, Renderer, SurfaceMesh, View, Without, shapes};
 
 pub const WIDTH: u32 = 160;
@@ -15,14 +19,8 @@ pub fn renderer() -> Option<Renderer> {
 
 /// The same, with tissue that lacks a part of its looks.
 pub fn lacking(without: Without) -> Option<Renderer> {
-    match Gpu::new(Prefer::Software) {
-        Ok(gpu) => Some(Renderer::new(gpu.without(without), WIDTH, HEIGHT).expect("the software adapter takes every shader")),
-        Err(error) if std::env::var("HYSTATION_NO_GPU").is_ok_and(|v| v == "1") => {
-            eprintln!("not tested, HYSTATION_NO_GPU=1: {error}");
-            None
-        }
-        Err(error) => panic!("{error} (or set HYSTATION_NO_GPU=1 where there is none)"),
-    }
+    let gpu = vulkan::unless_declared_absent(Gpu::new(Prefer::Software))?;
+    Some(Renderer::new(gpu.without(without), WIDTH, HEIGHT).expect("the software adapter takes every shader"))
 }
 
 pub fn put(r: &mut Renderer, id: u64, shape: &shapes::Shape, material: Material) {

@@ -72,14 +72,19 @@ mod tests {
 
     /// What is allowed, as a share of the largest figure of the converged solution.
     const MOST: f64 = 0.05;
-    /// Ticks of the hand: it has pressed with half a newton and more by then.
+    /// Ticks of the hand, and what it has pressed with by then, N, at the least.
     const TICKS: usize = 1_000;
+    const LEAST_N: f64 = 1.0;
 
     fn assert_near(name: &str, finer: u32) {
+        assert_pressed(name, finer, LEAST_N);
+    }
+
+    fn assert_pressed(name: &str, finer: u32, least_n: f64) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes").join(format!("{name}.toml"));
         let apart = apart(&hyst_scene::load(&path).unwrap(), [1, finer], TICKS).unwrap();
         println!("{name}, beside {finer} times as fine: {apart:?}");
-        assert!(apart.most_n > 0.5 && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
+        assert!(apart.most_n > least_n && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
         assert!(apart.force < MOST && apart.displacement < MOST, "{name}: {apart:?}");
         assert!(apart.force > 0.0, "{name}: the two are one");
     }
@@ -106,7 +111,7 @@ mod tests {
 
     #[test]
     fn those_of_a_uterus_of_several_tissues_on_beds_are() {
-        assert_near("regions", 8);
+        assert_pressed("regions", 8, 0.8); // its beds are soft
     }
 
     #[test]

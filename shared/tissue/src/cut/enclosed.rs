@@ -7,7 +7,7 @@ use super::places::{at, corners};
 use super::refine::Work;
 use super::separate::Face;
 use glam::DVec3;
-use hyst_mesh::signed_volume;
+use hyst_mesh::{FACES, signed_volume};
 use std::collections::BTreeSet;
 
 /// A face lies in the sheet if the sheet's normals at two of its nodes have this cosine to its own at least, whatever their signs. The
@@ -51,10 +51,10 @@ impl Work<'_> {
                 continue;
             }
             // What is none belongs to what it has most in common with.
-            let mut around: Vec<Face> = self.around_piece(&piece, &walls);
-            around.sort_by(|left, right| self.area_m2(left).total_cmp(&self.area_m2(right)));
-            if let Some(widest) = around.last().filter(|_| crumbs < MOST_CRUMBS) {
-                walls.retain(|wall| wall != widest);
+            let area = |face: &Face| self.normal(face).length();
+            let widest = self.around_piece(&piece, &walls).into_iter().max_by(|left, right| area(left).total_cmp(&area(right)));
+            if let Some(widest) = widest.filter(|_| crumbs < MOST_CRUMBS) {
+                walls.retain(|wall| *wall != widest);
                 (next, crumbs) = (0, crumbs + 1);
             }
         }
@@ -76,10 +76,6 @@ impl Work<'_> {
     fn normal(&self, face: &Face) -> DVec3 {
         let [a, b, c] = face.map(|node| at(&self.tissue.rest.positions_m, node));
         (b - a).cross(c - a)
-    }
-
-    fn area_m2(&self, face: &Face) -> f64 {
-        self.normal(face).length() / 2.0
     }
 
     /// Whether what is enclosed is more than a crumb, and more than tets that lie in the sheet with all their nodes.
@@ -129,8 +125,9 @@ impl Work<'_> {
     }
 
     fn faces_of(&self, tet: u32) -> [Face; 4] {
-        let [a, b, c, d] = self.tissue.rest.tets[tet as usize];
-        [[b, c, d], [a, c, d], [a, b, d], [a, b, c]].map(|mut face| {
+        let nodes = self.tissue.rest.tets[tet as usize];
+        FACES.map(|places| {
+            let mut face = places.map(|place| nodes[place]);
             face.sort_unstable();
             face
         })
