@@ -228,9 +228,10 @@ def ours(what, programs):
 
 def peer(what, name, case):
     """One peer in a process of its own; None if it is not installed."""
+    paths = [os.path.abspath(path) for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
     run = subprocess.run(
         [sys.executable, os.path.abspath(__file__), what, "--peer", name, "--case", json.dumps(case)],
-        capture_output=True, text=True, timeout=600, env={**os.environ, "OMP_NUM_THREADS": "1"},
+        capture_output=True, text=True, timeout=600, env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(paths)},
         cwd=tempfile.gettempdir(),  # where MuJoCo writes its warnings
     )
     if run.returncode == 4:

@@ -1,32 +1,13 @@
 //! Which cells of the grid are fluid: those of the cavity that hold no tissue; and how fast the tissue moves in the others. Found at the fluid's own rate
 //! from the tissue's newest state, read in place.
 
-use glam::{Mat3, Vec3, Vec4};
+use crate::raster;
+use glam::{Vec3, Vec4};
 use hyst_flow::Grid;
-use std::ops::Range;
 
 /// Cell states for the solver.
 const FLUID: u8 = 0;
 const SOLID: u8 = 1;
-
-/// By how much a share may be below 0 in a cell that counts as within: what single precision leaves of a face that two tets share.
-const ON_A_FACE: f32 = 1e-5;
-
-/// Which of the first `count` cells of a row lie within a tet, whose shares are `first` in the first of them and change by `step` from one to the next.
-fn inside(first: Vec4, step: Vec4, count: usize) -> Range<usize> {
-    let (mut low, mut high) = (0.0f32, count as f32 - 1.0);
-    for (share, step) in first.to_array().into_iter().zip(step.to_array()) {
-        let zero = -(share + ON_A_FACE) / step;
-        match step {
-            step if step > 0.0 => low = low.max(zero),
-            step if step < 0.0 => high = high.min(zero),
-            _ if share < -ON_A_FACE => return 0..0,
-            _ => {}
-        }
-    }
-    // What is no number, or beyond what there is, ends at 0 or count.
-    low.ceil() as usize..((high + 1.0).floor().max(0.0) as usize).min(count)
-}
 
 /// The tissue at a moment.
 #[derive(Clone, Copy)]
@@ -46,10 +27,9 @@ impl Tissue<'_> {
         known.then(|| tet.map(|node| Vec3::from(self.positions_m[node as usize])))
     }
 
-    /// How fast the tissue moves at a point of a tet, m/s.
-    fn velocity_m_s(&self, tet: [u32; 4], weights: [f32; 4]) -> Vec3 {
-        let of = |node: u32| self.velocities_m_s.get(node as usize).map_or(Vec3::ZERO, |velocity| Vec3::from(*velocity));
-        tet.iter().zip(weights).map(|(node, weight)| weight * of(*node)).sum()
+    /// How fast each corner of a tet moves, m/s.
+    fn velocities_m_s(&self, tet: [u32; 4]) -> [Vec3; 4] {
+        tet.map(|node| self.velocities_m_s.get(node as usize).map_or(Vec3::ZERO, |velocity| Vec3::from(*velocity)))
     }
 }
 
@@ -110,10 +90,11 @@ impl Cavity {
         let moves = !tissue.velocities_m_s.is_empty();
         for (_, tet) in tissue.tets.iter().enumerate().filter(|(index, _)| is_wall(*index)) {
             let Some(corners) = tissue.corners_m(*tet) else { continue };
-            self.for_each_cell_in(corners, |cell, weights| {
+            let of_corners_m_s = moves.then(|| tissue.velocities_m_s(*tet));
+            self.for_each_cell_in(corners, |cell, shares| {
                 solid[cell] = SOLID;
-                if moves {
-                    velocities_m_s[cell] = tissue.velocity_m_s(*tet, weights).to_array();
+                if let Some([a, b, c, d]) = of_corners_m_s {
+                    velocities_m_s[cell] = (shares.x * a + shares.y * b + shares.z * c + shares.w * d).to_array();
                 }
             });
         }
@@ -126,15 +107,6 @@ impl Cavity {
         found
     }
 
-    /// Range of cells along an axis whose centres may lie between two coordinates.
-    fn range(&self, axis: usize, low_m: f32, high_m: f32) -> Range<usize> {
-        let (origin, spacing) = (self.grid.origin_m()[axis], self.grid.spacing_m()[axis]);
-        let cells = self.grid.cells()[axis] as f32;
-        let first = ((low_m - origin) / spacing - 0.5).ceil().clamp(0.0, cells);
-        let last = ((high_m - origin) / spacing - 0.5).floor().clamp(-1.0, cells - 1.0);
-        first as usize..(last + 1.0).max(0.0) as usize
-    }
-
     /// The cell that a place lies in.
     pub fn cell_at(&self, place_m: Vec3) -> Option<usize> {
         let (origin, spacing, cells) = (self.grid.origin_m(), self.grid.spacing_m(), self.grid.cells());
@@ -143,33 +115,9 @@ impl Cavity {
         is_inside.then(|| self.index(along.map(|cells| cells as usize)))
     }
 
-    /// Calls `visit` with every cell whose centre lies in a tet, and the share of each corner there. A centre on a face that two tets share is in both, so
-    /// that no wall has holes.
-    pub fn for_each_cell_in(&self, corners: [Vec3; 4], mut visit: impl FnMut(usize, [f32; 4])) {
-        if !corners.iter().all(|corner| corner.is_finite()) {
-            return;
-        }
-        let low = corners.iter().copied().fold(Vec3::INFINITY, Vec3::min);
-        let high = corners.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-        let edges = Mat3::from_cols(corners[1] - corners[0], corners[2] - corners[0], corners[3] - corners[0]);
-        if edges.determinant().abs() < f32::MIN_POSITIVE {
-            return;
-        }
-        let inverse = edges.inverse();
-        let shares = |beta: Vec3, rest: f32| Vec4::new(rest - beta.element_sum(), beta.x, beta.y, beta.z);
-        // Along a row each share changes by as much from cell to cell.
-        let step = shares(inverse.x_axis * self.grid.spacing_m()[0], 0.0);
-        let columns = self.range(0, low.x, high.x);
-        for k in self.range(2, low.z, high.z) {
-            for j in self.range(1, low.y, high.y) {
-                let first = inverse * (Vec3::from(self.grid.centre_m([columns.start, j, k])) - corners[0]);
-                let first = shares(first, 1.0);
-                let row = self.index([columns.start, j, k]);
-                for at in inside(first, step, columns.len()) {
-                    visit(row + at, (first + at as f32 * step).to_array());
-                }
-            }
-        }
+    /// Calls `visit` with every cell whose centre lies in a tet, and the share of each corner there ([`raster`]).
+    pub fn for_each_cell_in(&self, corners_m: [Vec3; 4], visit: impl FnMut(usize, Vec4)) {
+        raster::for_each_cell_in(&self.grid, corners_m, visit);
     }
 
     /// The free cell that is nearest to a place: mostly the one that it lies in. Of those that were fluid before, if any was: a place that tissue has covered
@@ -331,41 +279,6 @@ mod tests {
         };
         assert_eq!(closed_at(false), (27, false));
         assert_eq!(closed_at(true), (30, true));
-    }
-
-    #[test]
-    fn the_cells_of_a_tet_are_those_whose_centres_lie_in_it() {
-        let grid = Grid::new([9, 7, 8], [0.07, 0.11, 0.09], [-0.3, -0.4, -0.35]).unwrap();
-        let cavity = Cavity::new(grid);
-        let mut state = 20_061_u32;
-        let mut draw = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-        };
-        let mut visited = 0;
-        for tet in 0..2_000 {
-            let corners: [Vec3; 4] = std::array::from_fn(|_| Vec3::new(draw(), draw(), draw()));
-            let edges = Mat3::from_cols(corners[1] - corners[0], corners[2] - corners[0], corners[3] - corners[0]);
-            if edges.determinant().abs() < 1e-4 {
-                continue;
-            }
-            let mut found = vec![false; grid.cell_count()];
-            cavity.for_each_cell_in(corners, |cell, shares| {
-                let centre: Vec3 = corners.iter().zip(shares).map(|(corner, share)| share * *corner).sum();
-                assert!(
-                    centre.distance(Vec3::from(grid.centre_m(cavity.place(cell)))) < 1e-4,
-                    "tet {tet}, cell {cell}: {shares:?}"
-                );
-                assert!(!std::mem::replace(&mut found[cell], true), "tet {tet}: cell {cell} twice");
-                visited += 1;
-            });
-            for (cell, found) in found.into_iter().enumerate() {
-                let beta = edges.inverse() * (Vec3::from(grid.centre_m(cavity.place(cell))) - corners[0]);
-                let least = beta.min_element().min(1.0 - beta.element_sum());
-                assert!(least.abs() < 1e-3 || found == (least > 0.0), "tet {tet}, cell {cell}: {least}");
-            }
-        }
-        assert!(visited > 10_000, "{visited}");
     }
 
     #[test]

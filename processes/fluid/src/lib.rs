@@ -11,6 +11,7 @@ mod heard;
 mod holes;
 mod lens;
 mod pieces;
+mod raster;
 mod removed;
 mod seals;
 mod status;

@@ -34,16 +34,21 @@ impl Walls {
     /// Gives how many numbers were replaced.
     fn set(&mut self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) -> u32 {
         self.solid.copy_from_slice(solid);
-        if self.moves {
-            self.velocity_m_s.iter_mut().for_each(|along| along.fill(0.0));
-        }
-        self.moves = velocity_m_s.is_some();
+        let Some(given) = velocity_m_s else {
+            if std::mem::take(&mut self.moves) {
+                self.velocity_m_s.iter_mut().for_each(|along| along.fill(0.0));
+            }
+            return 0;
+        };
+        self.moves = true;
         let mut replaced = 0;
-        let given = velocity_m_s.unwrap_or_default().iter().zip(solid).enumerate();
-        for (cell, (given, _)) in given.filter(|(_, (_, solid))| **solid != 0) {
-            for (along, v) in self.velocity_m_s.iter_mut().zip(given) {
-                along[cell] = *v;
-                tame(&mut along[cell], -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced);
+        for (axis, along) in self.velocity_m_s.iter_mut().enumerate() {
+            for ((along, given), solid) in along.iter_mut().zip(given).zip(solid) {
+                let (mut v, counts) = (given[axis], *solid != 0);
+                if counts && (v.abs() > MAX_WALL_M_S || v.is_nan()) {
+                    tame(&mut v, -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced);
+                }
+                *along = if counts { v } else { 0.0 };
             }
         }
         replaced
