@@ -21,7 +21,7 @@ pub struct Doing {
     pub recovers: bool,
     /// Contacts of the tool; `None` if no tissue says it.
     pub contacts: Option<u32>,
-    /// A stroke of the electrode is under way.
+    /// The electrode is out and its current on; for who has looked for a while ([`Strokes`]), it cuts tissue, too.
     pub cutting: bool,
     /// The role of the swap that is under way.
     pub swap: Option<String>,
@@ -43,10 +43,41 @@ impl Doing {
         }
     }
 
+    /// The same for who looks again and again, and waits for a stroke that cuts.
+    pub fn watched(station: &Station, slots: &[Slot], viewer: &mut Viewer, strokes: &mut Strokes) -> Doing {
+        let doing = Doing::of(station, slots, viewer);
+        let cuts = viewer.tissue_status().is_some_and(|status| strokes.cut(status.cuts, status.state_tick));
+        Doing { cutting: doing.cutting && cuts, ..doing }
+    }
+
     /// Of a station that one looks at only now; `None` if it cannot be looked at.
     pub fn now(station: &Station) -> Option<Doing> {
         let (plan, mut viewer) = (Plan::read(station).ok()?, Viewer::open(station).ok()?);
         Some(Doing::of(station, &plan.slots(), &mut viewer))
+    }
+}
+
+/// Longest time between two cuts of a stroke, ticks: a loop that is drawn through tissue at 6 mm/s divides it anew within 0.1 s. A look that comes later
+/// than that after the one before does not know when the cuts came that it sees.
+const STROKE_TICKS: u64 = 150;
+
+/// What a station's electrode has cut, for who looks again and again. A current that is on tells nothing: it may be on in the open medium.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Strokes {
+    /// Cuts at the last look, and its tick.
+    seen: Option<(u32, u64)>,
+    cut_tick: Option<u64>,
+}
+
+impl Strokes {
+    /// Whether the mesh was divided a moment ago: with so many cuts by this tick.
+    pub fn cut(&mut self, cuts: u32, tick: u64) -> bool {
+        let is_recent = |then: u64| tick.saturating_sub(then) <= STROKE_TICKS;
+        if self.seen.is_some_and(|(before, at)| cuts > before && is_recent(at)) {
+            self.cut_tick = Some(tick);
+        }
+        self.seen = Some((cuts, tick));
+        self.cut_tick.is_some_and(is_recent)
     }
 }
 
@@ -107,6 +138,19 @@ mod tests {
         for bad in ["dancing", "swap:", "swap:liver", "swap:supervisor", "contact:fluid"] {
             assert!(Wanted::parse(bad).is_err(), "{bad}");
         }
+    }
+
+    /// A campaign of cuts waited for the current alone, which the hand had on where the polyp had been: 168 faults met none.
+    #[test]
+    fn a_stroke_is_one_that_divides_the_mesh_now() {
+        let mut strokes = Strokes::default();
+        let mut cut = |cuts: u32, tick: u64| strokes.cut(cuts, tick);
+        assert!(!cut(12, 1_000), "the first look does not know when they came");
+        assert!(!cut(12, 1_005), "in the open medium");
+        assert!(cut(13, 1_010) && cut(13, 1_010 + STROKE_TICKS));
+        assert!(!cut(13, 1_011 + STROKE_TICKS), "it has come out of the tissue");
+        assert!(!cut(14, 5_000), "nobody looked for a while");
+        assert!(!cut(14, 5_010) && cut(15, 5_020));
     }
 
     /// A station that only started was taken for one in a recovery, and so was one with a place that had been given up, for good.

@@ -103,6 +103,7 @@ struct Supervisor {
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
+    next_device_ns: u64,
     /// The next part of the accounts, from 0, while they are under way.
     accounting: Option<usize>,
     /// Requests that wait until no notice does.
@@ -179,6 +180,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         page,
         next_ledger_ns: 0,
         next_accounts_ns: 0,
+        next_device_ns: 0,
         accounting: None,
         asked: VecDeque::new(),
         answered_ns: 0,
@@ -262,6 +264,7 @@ impl Supervisor {
             self.faults.read_ledger(&mut self.viewer);
             self.heed_standstill(now_ns);
         }
+        self.measure_device(now_ns);
         if now_ns >= self.next_accounts_ns {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;
             self.accounting = self.accounting.or(Some(0));

@@ -21,8 +21,11 @@ pub(super) fn check(campaign: &Campaign) -> Result<(), Refusal> {
         let admitted = admitted(campaign, arm).map_err(|refusal| Refusal { message: refuse(&refusal.message), ..refusal })?;
         let cutting = campaign.cells.iter().find(|cell| cell.state == State::Cutting && arm.count(cell) > 0);
         if let Some(cell) = cutting.filter(|_| !admitted.may_cut) {
-            let reason =
-                format!("cell {}: state cutting: the hand {:?} cuts nothing; take script:polyp", cell.name, campaign.hand());
+            let reason = format!(
+                "cell {}: state cutting: the hand {:?} cuts nothing; take one that cuts for as long as the faults take, as script:slices of the case myoma",
+                cell.name,
+                campaign.hand()
+            );
             return Err(Refusal::input(refuse(&reason)));
         }
     }

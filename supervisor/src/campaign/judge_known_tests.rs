@@ -59,6 +59,21 @@ fn a_second_fault_whose_first_did_not_show_has_no_verdict_and_is_named() {
     assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
 }
 
+/// 168 kills and stops counted as if they had met a cut, of which none had come since the first strokes.
+#[test]
+fn a_fault_in_a_stroke_in_which_nothing_was_cut_has_not_shown() {
+    let cells =
+        "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\nstates = [\"cutting\"]\ncount = 3\nlimit_upper95 = 1.0\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for (number, outcome) in outcomes.iter_mut().enumerate() {
+        outcome.after.cuts = outcome.before.cuts + u32::from(number != 1);
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let figures = &judgement.cells[0];
+    assert_eq!((figures.excess.unwrap().faults, figures.manifested, figures.not_shown.clone()), (2, 2, vec![1]));
+    assert!(text::text(&judgement).contains("no cut 1"));
+}
+
 #[test]
 fn a_cell_of_which_nobody_noticed_anything_says_so_everywhere() {
     let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"console\"]\ncount = 2\nwhere = \"page\"\npool = \"all\"\n";

@@ -12,6 +12,7 @@ use super::draw::Entry;
 use super::file::{Arm, Campaign};
 use super::outcome::{Ending, Outcome};
 use crate::control::{self, Request};
+use crate::doing::Strokes;
 use crate::faultfile::{Injection, Keepers};
 use crate::ledger::AFTERMATH_TICKS;
 use crate::plan::Plan;
@@ -77,6 +78,7 @@ pub struct Session {
     /// Bytes of the closed faults' file that were read.
     read_bytes: u64,
     whole_since_tick: Option<u64>,
+    strokes: Strokes,
     quiet_from_tick: u64,
     /// It was ended, or never was: the name is another's, or the settings were refused.
     is_over: bool,
@@ -110,6 +112,7 @@ impl Session {
             interrupted,
             read_bytes: 0,
             whole_since_tick: None,
+            strokes: Strokes::default(),
             quiet_from_tick: 0,
             is_over: false,
         })
@@ -258,7 +261,10 @@ impl Session {
             State::Any | State::Recovery | State::Swap => true,
             State::Idle => self.counters().contacts == 0,
             State::Contact => self.counters().contacts > 0,
-            State::Cutting => self.counters().is_cutting,
+            State::Cutting => {
+                let now = self.counters();
+                self.strokes.cut(now.cuts, now.tissue_tick) && now.is_cutting
+            }
         }
     }
 

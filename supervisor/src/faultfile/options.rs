@@ -10,7 +10,7 @@ pub const DEFAULT_TIMES: u32 = 3;
 /// `corrupt`: bytes that are flipped if nobody says how many.
 pub const DEFAULT_BYTES: u32 = 16;
 
-/// What leaks each second if nobody says how much: MiB or files. The bounds of `growth.rs` are passed within 3 to 16 s, in steps that it takes for a
+/// What leaks each second if nobody says how much: MiB or files. The bounds of `growth.rs` are passed within 1 to 16 s, in steps that it takes for a
 /// leak.
 pub fn default_rate(kind: FaultKind) -> f64 {
     if kind == FaultKind::LeakFiles { 60.0 } else { 32.0 }

@@ -3,7 +3,7 @@
 use super::blame::{Blame, end_of};
 use super::figures::{Figures, Known, touches};
 use super::notice::{Unfound, is_done_from_outside, unfound};
-use crate::campaign::cell::{Cell, May};
+use crate::campaign::cell::{Cell, May, State};
 use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
 use crate::fault::compare::{excess, tells};
@@ -101,11 +101,15 @@ impl Figures {
         let was_noticed =
             !is_done_from_outside(cell) || self.take_notice(cell, fault, index, known.blame.sequel(outcome), has_ended);
         let unfound = unfound(cell, fault, outcome).filter(|_| !is_astray);
-        let shows = fault.manifested && unfound != Some(Unfound::True);
+        let met_no_cut = cell.state == State::Cutting && outcome.after.cuts <= outcome.before.cuts;
+        let shows = fault.manifested && unfound != Some(Unfound::True) && !met_no_cut;
         self.injected += 1;
         self.manifested += usize::from(shows && was_noticed);
         if !shows {
             self.not_shown.push(index);
+        }
+        if met_no_cut {
+            *self.seen.entry("no cut").or_default() += 1;
         }
         if unfound == Some(Unfound::Lie) {
             self.unfound.push(index);

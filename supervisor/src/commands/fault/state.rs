@@ -1,6 +1,6 @@
 //! A station's state as a tester names it, waited for from outside.
 
-use crate::doing::{Doing, Wanted};
+use crate::doing::{Doing, Strokes, Wanted};
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::view::Viewer;
@@ -21,9 +21,10 @@ pub(super) fn wait_for(station: &Station, wanted: Wanted, within_s: Option<f64>)
     let failed = |error: &dyn std::fmt::Display| Refusal::failed(error.to_string());
     let slots = Plan::read(station).map_err(|error| failed(&error))?.slots();
     let mut viewer = Viewer::open(station).map_err(|error| failed(&error))?;
+    let mut strokes = Strokes::default();
     let within_s = within_s.unwrap_or(WITHIN_S);
     let end_ns = system::now_ns() + (within_s * 1e9) as u64;
-    while !wanted.is_in(&Doing::of(station, &slots, &mut viewer)) {
+    while !wanted.is_in(&Doing::watched(station, &slots, &mut viewer, &mut strokes)) {
         if viewer.page().stop_requested() {
             return Err(Refusal::failed("--state: the station stopped before it was in that state"));
         }
