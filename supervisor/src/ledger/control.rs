@@ -107,4 +107,21 @@ mod tests {
         let wanted = Wanted { around: (5_800, 6_000), ..wanted };
         assert_eq!(nearest(&ledger, wanted, &[(5_800, 6_000)], &[]), Some((5_600, 5_800)));
     }
+
+    #[test]
+    fn a_tick_that_is_void_is_missed_neither_in_the_window_of_a_fault_nor_in_its_control() {
+        let (from_tick, to_tick) = WANTED.around;
+        let wanted = Wanted { contact: None, ..WANTED };
+        let arms = |missed: &[u64], void: &[u64]| {
+            let ledger = ledger(12_000, missed, void);
+            let controls = Controls { ledger: &ledger, hurt: &[(from_tick, to_tick)], used: &[] };
+            let control = controls.nearest(wanted).expect("a control");
+            assert_eq!((control.from_tick, control.to_tick), (8_400, 8_600));
+            [ledger.window(from_tick, to_tick), control].map(|arm| (arm.ticks, arm.missed, arm.late, arm.voided))
+        };
+        let late = [8_450, 8_451, 8_650, 8_651, 8_652];
+        assert_eq!(arms(&late, &[]), [(200, 3, 3, 0), (200, 2, 2, 0)]);
+        assert_eq!(arms(&late, &[8_451, 8_652]), [(199, 2, 3, 1), (199, 1, 2, 1)]);
+        assert_eq!(arms(&late, &late), [(197, 0, 3, 3), (198, 0, 2, 2)]);
+    }
 }

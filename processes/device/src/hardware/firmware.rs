@@ -16,6 +16,7 @@ use hyst_messages::page::{ProcessState, hardware, header, rendering};
 use hyst_messages::{
     DeviceLimits, DeviceStatement, HardwareSample, ReplayRecord, Role, STATEMENT_VERSION, TICK_NS, statement_text,
 };
+use std::sync::Arc;
 
 /// Drift of the simulated clock against the station's, ppm: an ordinary crystal.
 const DRIFT_PPM: f64 = 20.0;
@@ -60,7 +61,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         state: HardwareState::default(),
         hand,
         complaint: "",
-        ledger: Ledger::new(life, canaries),
+        ledger: Ledger::new(Arc::clone(&life.page), canaries),
     };
     realtime::go(life)?;
     let sequencer = if life.is_lockstep() { Some(Sequencer::new(life)?) } else { None };

@@ -3,7 +3,6 @@
 //! still voids the ticks it covers.
 
 use super::canary::Canaries;
-use hyst_engine::Life;
 use hyst_exchange::OwnedPage;
 use hyst_messages::page::hardware::{LEDGER, TOTALS, Total};
 use hyst_messages::{Applied, ForceCommand, LedgerEntry, TICK_NS, fnv_words};
@@ -64,10 +63,10 @@ pub fn judge(judged: &Judged) -> Applied {
 }
 
 impl Ledger {
-    /// An empty ledger.
-    pub fn new(life: &Life, canaries: Canaries) -> Ledger {
+    /// An empty ledger, to be written into the hardware's page.
+    pub fn new(page: Arc<OwnedPage>, canaries: Canaries) -> Ledger {
         Ledger {
-            page: Arc::clone(&life.page),
+            page,
             canaries,
             waiting: [LedgerEntry::default(); DELAY],
             count: 0,
@@ -150,6 +149,7 @@ impl Ledger {
 
 #[cfg(test)]
 mod tests {
+    use super::super::canary::tests::canaries;
     use super::*;
 
     fn at(station_tick: u64, kind: Applied, force_tick: u64) -> Judged {
@@ -180,5 +180,47 @@ mod tests {
         assert_eq!(judge(&at(10, Applied::Held, 10)), Applied::Held);
         assert_eq!(judge(&at(10, Applied::Ramped, 5)), Applied::Ramped);
         assert_eq!(judge(&Judged { command: ForceCommand::default(), ..at(10, Applied::Fresh, 10) }), Applied::Zero);
+    }
+
+    /// A ledger in a page of its own, with a canary that saw these stalls, ns.
+    fn ledger(name: &str, seen: &[(u64, u64)]) -> Ledger {
+        let path = format!("/dev/shm/hyst-test-{}-ledger-{name}", std::process::id());
+        let page = hyst_exchange::page::create(path.as_ref(), hyst_messages::page::hardware::WORDS, 0, 1).unwrap();
+        std::fs::remove_file(&path).unwrap(); // it stays mapped
+        Ledger::new(Arc::new(page), canaries(&[seen]))
+    }
+
+    /// A tick that begins so many ms after 0, with the force for it, or with that of the tick before held.
+    fn tick(ms: u64, is_fresh: bool) -> Judged {
+        let kind = if is_fresh { Applied::Fresh } else { Applied::Held };
+        Judged { hardware_tick: ms, time_ns: ms * TICK_NS, ..at(ms, kind, ms) }
+    }
+
+    #[test]
+    fn a_tick_that_a_stall_meets_is_void_whether_its_force_was_fresh_or_not() {
+        // It begins with the end of tick 9, and ends in the second tick before 12.
+        let mut ledger = ledger("void", &[(10 * TICK_NS, 10 * TICK_NS + 300_000)]);
+        for ms in 1..=20u64 {
+            ledger.write(&tick(ms, ms.is_multiple_of(2)));
+        }
+        ledger.flush();
+        let entries: Vec<LedgerEntry> = (1..=20).map(|key| ledger.page.ring(LEDGER, key).unwrap()).collect();
+        let void: Vec<u64> = entries.iter().filter(|entry| entry.void != 0).map(|entry| entry.hardware_tick).collect();
+        assert_eq!(void, [9, 10, 11, 12]);
+        let total = |total: Total| ledger.page.load64(TOTALS + total as usize);
+        assert_eq!([Total::Ticks, Total::Void, Total::Fresh, Total::Held].map(total), [20, 4, 8, 8]);
+    }
+
+    #[test]
+    fn a_stall_that_a_canary_reports_late_still_voids_the_ticks_that_it_covered() {
+        let mut ledger = ledger("late", &[]);
+        let last = DELAY as u64;
+        for ms in 1..=last {
+            ledger.write(&tick(ms, true));
+        }
+        assert_eq!(ledger.page.load64(TOTALS + Total::Ticks as usize), 0, "each waits");
+        ledger.canaries = canaries(&[&[(TICK_NS, last * TICK_NS)]]);
+        ledger.write(&tick(last + 1, true));
+        assert_eq!(ledger.page.ring(LEDGER, 1).map(|entry| (entry.hardware_tick, entry.void)), Some((1, 1)));
     }
 }
