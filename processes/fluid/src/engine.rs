@@ -50,8 +50,9 @@ pub struct FlowEngine<'a> {
     instrument: Instrument,
     /// Where its lens looks in the step.
     gaze: Option<Gaze>,
-    /// It was said that the tissue does not close the cavity, and that it leaves nothing of it.
+    /// It was said that the tissue does not close the cavity.
     has_said_open: bool,
+    /// It was said that the tissue leaves nothing of it; to be said again when it has left something in between.
     has_said_kept: bool,
     seed_m: [f32; 3],
     /// Step that the scene asks for, ticks.
@@ -172,6 +173,7 @@ impl<'a> FlowEngine<'a> {
         self.cavity.go_on_from(before);
         let tick = state.header().tick;
         let walls_tick = if self.cavity.update(&tissue, is_wall, self.seed_m) {
+            self.has_said_kept = false;
             let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
             self.flaws |= flaws_of(set.map_err(broken)?, self.cavity.is_open());
             if !self.has_said_open && self.cavity.is_open() {
