@@ -3,9 +3,10 @@
 //!
 //! Promise: a start on a machine that is busy for a moment leaves no session with longer steps than the machine manages. It is decided once, because
 //! within an epoch every state follows from the one a step before it; the state says the step, and who follows takes it from there. A longer step
-//! moves pump, blood and gas by as much more time: nothing is left out of the deficit.
+//! moves pump, blood and gas by as much more time, and so does one after periods that were skipped, as far as the solver goes ([`moved_s`]):
+//! nothing of that is left out of the deficit.
 
-use hyst_engine::Failure;
+use hyst_engine::{Failure, StepContext};
 use hyst_flow::MAX_STEP_S;
 use hyst_messages::{Controls, HardwareSample, Pose, StreamHeader, TICK_NS};
 use hyst_scene::LoadedScene;
@@ -16,7 +17,7 @@ const WARM_UP: usize = 4;
 const TRIALS: usize = 16;
 /// A step may take this share of its period: the rest belongs to whatever is real time on the cores.
 const SHARE_OF_PERIOD: f64 = 0.6;
-/// A step whose least time is above this share of its period cannot be kept up with, and the pump would lose time.
+/// A step whose least time is above this share of its period cannot be kept up with: sooner or later it is behind by more than a step makes up for.
 const HOPELESS_SHARE: f64 = 0.9;
 /// A step that takes so many of the longest periods ends the search: a grid of millions of cells would be tried for minutes.
 const FAR_TOO_LONG: u64 = 4;
@@ -24,7 +25,8 @@ const FAR_TOO_LONG: u64 = 4;
 /// takes about the same time.
 const FEW_TRIALS: usize = 3;
 const GIVEN_UP: f64 = 2.0;
-/// The longest step that the solver takes, ticks.
+/// The longest step that the solver takes, ticks. Of a longer gap the rest is left out: a step takes walls, scope and valves as they are at its end
+/// for all of its time, which is right for a fraction of a second.
 const LONGEST_STEP: u64 = (MAX_STEP_S * 1e3) as u64;
 
 /// The steps to be tried, in ticks, of which the first is the scene's.
@@ -51,6 +53,18 @@ pub fn takes_step(step_ticks: &Cell<u64>, header: &StreamHeader) -> bool {
         step_ticks.set(ticks);
     }
     can_be
+}
+
+/// The time by which a step from a state with this header moves pump and flow, s: all that lies between the ticks of the two states, so that periods
+/// which nobody had time for are in the deficit too; no less than the period, and no more than the solver takes ([`MAX_STEP_S`]). From a state for
+/// whose tick nothing was computed, which founds the role or was held still, it is the period.
+///
+/// Pump and flow go on by the same time: what the pump delivers comes in through the flow's ports, and what bleeds is blood in its cells, so that the
+/// balance of both would not close if one went on for longer. It follows from the states alone and from no clock, so that holder and spare make the
+/// same step.
+pub fn moved_s(from: &StreamHeader, context: &StepContext) -> f32 {
+    let gone_ticks = if from.step_ticks > 0 { context.next_tick.saturating_sub(from.tick) } else { 0 };
+    gone_ticks.min(LONGEST_STEP).max(context.step_ticks) as f32 * 1e-3
 }
 
 /// The scope where it rests at first, with the valves as a hand would have them.

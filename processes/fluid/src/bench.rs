@@ -48,7 +48,7 @@ const MANY_THREADS: usize = 3;
 const CORES_FOR_MANY: usize = 4;
 const MS: f64 = 1e6;
 /// Where another library is timed beside this one.
-const PEERS: &str = "see tests/peers/beside.py, for the boxes 32x32x18 and 64x64x28";
+const PEERS: &str = "not timed here: tests/peers/beside.py does it, for the boxes 32x32x18 and 64x64x28";
 
 /// Runs the benchmark that the arguments name.
 pub fn run(arguments: impl Iterator<Item = String>) -> ExitCode {

@@ -7,7 +7,7 @@ mod pace;
 mod tests;
 mod tissues;
 
-use crate::afford::is_step;
+use crate::afford::{is_step, moved_s};
 use crate::cavity::{Cavity, Tissue};
 use crate::coarse::cells_on;
 use crate::crew::Crew;
@@ -50,8 +50,9 @@ pub struct FlowEngine<'a> {
     instrument: Instrument,
     /// Where its lens looks in the step.
     gaze: Option<Gaze>,
-    /// It was said that the tissue does not close the cavity, and that it leaves nothing of it.
+    /// It was said that the tissue does not close the cavity.
     has_said_open: bool,
+    /// It was said that the tissue leaves nothing of it; to be said again when it has left something in between.
     has_said_kept: bool,
     seed_m: [f32; 3],
     /// Step that the scene asks for, ticks.
@@ -172,6 +173,7 @@ impl<'a> FlowEngine<'a> {
         self.cavity.go_on_from(before);
         let tick = state.header().tick;
         let walls_tick = if self.cavity.update(&tissue, is_wall, self.seed_m) {
+            self.has_said_kept = false;
             let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
             self.flaws |= flaws_of(set.map_err(broken)?, self.cavity.is_open());
             if !self.has_said_open && self.cavity.is_open() {
@@ -245,7 +247,8 @@ impl Stateful for FlowEngine<'_> {
         self.step_ticks.get()
     }
 
-    /// A step takes no more than 0.6 of a period ([`crate::afford`]), so that an ordinary process which waited for a core catches up soon, and the pump loses no time.
+    /// A step takes no more than 0.6 of a period ([`crate::afford`]), so that an ordinary process which waited for a core catches up soon. What it
+    /// skips beyond that is in the step after it ([`moved_s`]).
     fn backlog(&self) -> u64 {
         2
     }
@@ -311,7 +314,7 @@ impl Stateful for FlowEngine<'_> {
         self.flaws = 0;
         let before = StateView::framed(message.section(1)?).map_err(broken)?;
         let input_tick = self.update_walls(message.header().input_tick, before.mask())?;
-        let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
+        let inputs = self.inputs(moved_s(message.header(), context));
         let mut report = self.crew.step(&inputs)?;
         report.pump.alarms = report.pump.alarms_after(&alarms_of(&message.record::<Head>(0)?.status));
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;

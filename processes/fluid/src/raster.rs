@@ -55,8 +55,9 @@ fn range(grid: &Grid, axis: usize, low_m: f32, high_m: f32) -> Range<usize> {
     up((low_m - origin_m) / spacing_m - 0.5, most)..down((high_m - origin_m) / spacing_m + 0.5, most)
 }
 
-/// Calls `visit` with every cell (x fastest, then y, then z) whose centre lies in a tet, and the share of each corner there. A centre on a face that two tets
-/// share is in both, so that no wall has holes. A tet with a corner that is not finite, or without a volume, has none.
+/// Calls `visit` with every cell (x fastest, then y, then z) whose centre lies in a tet, and the share of each corner there. A centre on a face that
+/// two tets share is in both, so that no wall has holes. A tet with a corner that is not finite, or with a volume of 0 or beyond single precision,
+/// has none.
 pub fn for_each_cell_in(grid: &Grid, corners_m: [Vec3; 4], mut visit: impl FnMut(usize, Vec4)) {
     if !corners_m.iter().all(|corner| corner.is_finite()) {
         return;
@@ -68,19 +69,19 @@ pub fn for_each_cell_in(grid: &Grid, corners_m: [Vec3; 4], mut visit: impl FnMut
         return;
     }
     let edges = Mat3::from_cols(corners_m[1] - corners_m[0], corners_m[2] - corners_m[0], corners_m[3] - corners_m[0]);
-    if edges.determinant().abs() < f32::MIN_POSITIVE {
+    if !edges.determinant().is_normal() {
         return;
     }
     let inverse = edges.inverse();
     let shares = |beta: Vec3, rest: f32| Vec4::new(rest - beta.element_sum(), beta.x, beta.y, beta.z);
     let spacing_m = grid.spacing_m();
     let row = Row::new(shares(inverse.x_axis * spacing_m[0], 0.0));
-    let (across, up) = (shares(inverse.y_axis * spacing_m[1], 0.0), shares(inverse.z_axis * spacing_m[2], 0.0));
+    let (across, onward) = (shares(inverse.y_axis * spacing_m[1], 0.0), shares(inverse.z_axis * spacing_m[2], 0.0));
     let corner_m = Vec3::from(grid.centre_m([columns.start, rows.start, layers.start]));
     let of_all = shares(inverse * (corner_m - corners_m[0]), 1.0);
     let ([nx, ny, _], count) = (grid.cells(), columns.len() as f32);
     for (layer, k) in layers.enumerate() {
-        let of_layer = of_all + layer as f32 * up;
+        let of_layer = of_all + layer as f32 * onward;
         for (line, j) in rows.clone().enumerate() {
             let first = of_layer + line as f32 * across;
             let start = (k * ny + j) * nx + columns.start;
@@ -148,7 +149,49 @@ mod tests {
         assert_eq!(cells(0.5, 1.0), [0, 1, 4, 16], "corners on centres are within");
         assert_eq!(cells(-100.0, 1_000.0).len(), 64);
         assert!(cells(4.0, 10.0).is_empty() && cells(-20.0, 10.0).is_empty() && cells(0.0, 0.0).is_empty());
+        assert!(cells(-1e13, 2e13).is_empty() && cells(-1e20, 2e20).is_empty(), "more than single precision can hold");
         assert!(cells(f32::NAN, 1.0).is_empty() && cells(f32::INFINITY, 1.0).is_empty() && cells(0.0, f32::INFINITY).is_empty());
+    }
+
+    /// Cubes of six tets each about a diagonal: with all nodes on centres of cells, so that the other centres lie on faces and edges, and with those
+    /// nodes moved about that are within.
+    #[test]
+    fn a_mesh_of_tets_leaves_no_cell_inside_it_out() {
+        const CUBES: usize = 4;
+        const NODES: usize = CUBES + 1;
+        const CELLS: usize = 2 * CUBES + 3;
+        const WAYS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let grid = Grid::new([CELLS; 3], [1.0625e-3, 0.889e-3, 1.75e-3], [-0.017, -0.008, -0.002]).unwrap();
+        let place = |index: usize, count: usize| [index % count, index / count % count, index / (count * count)];
+        for jitter in [0.0f32, 0.5] {
+            let mut state = 20_061_u32;
+            let mut draw = || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+            };
+            let node_m = |node: usize| {
+                let at = place(node, NODES);
+                let centre_m = Vec3::from(grid.centre_m(at.map(|index| 2 * index + 1)));
+                // Within the faces of the block, which stays as it is; by a quarter of a cube at most.
+                let share = at.map(|index| if index % CUBES == 0 { 0.0 } else { jitter * draw() });
+                centre_m + 2.0 * Vec3::from(share) * Vec3::from(grid.spacing_m())
+            };
+            let nodes_m: Vec<Vec3> = (0..NODES.pow(3)).map(node_m).collect();
+            let at_m = |[x, y, z]: [usize; 3]| nodes_m[(z * NODES + y) * NODES + x];
+            let mut visited = vec![false; grid.cell_count()];
+            for (cube, way) in (0..CUBES.pow(3)).flat_map(|cube| WAYS.map(|way| (cube, way))) {
+                let mut at = place(cube, CUBES);
+                let mut corners_m = [at_m(at); 4];
+                for (corner_m, axis) in corners_m[1..].iter_mut().zip(way) {
+                    at[axis] += 1;
+                    *corner_m = at_m(at);
+                }
+                for_each_cell_in(&grid, corners_m, |cell, _| visited[cell] = true);
+            }
+            let is_inside = |cell: usize| place(cell, CELLS).iter().all(|index| (2..CELLS - 2).contains(index));
+            let left_out: Vec<usize> = (0..visited.len()).filter(|cell| is_inside(*cell) && !visited[*cell]).collect();
+            assert!(left_out.is_empty(), "jitter {jitter}: cells {left_out:?}");
+        }
     }
 
     #[test]

@@ -66,7 +66,7 @@ impl Stateful for Still<'_> {
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let message = Message::parse(now, Kind::FluidState)?;
         self.solver.load(message.section(1)?).map_err(broken)?;
-        let dt_s = context.step_ticks as f32 * 1e-3;
+        let dt_s = fluid::moved_s(message.header(), context);
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let still = FlowInputs { dt_s, ..FlowInputs::default() };
         let inputs = sample.map_or(still, |sample| self.instrument.inputs(&sample, dt_s));

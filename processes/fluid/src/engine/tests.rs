@@ -139,6 +139,53 @@ fn whoever_goes_on_from_a_state_takes_its_step_and_says_that_the_scene_asks_for_
     });
 }
 
+/// It went on by a single period, and what the pump would have moved meanwhile was in no deficit.
+#[test]
+fn a_step_after_periods_that_were_skipped_moves_pump_and_flow_by_all_of_them() {
+    in_a_station("skips", |mut engine| {
+        let _hardware = plugged(&mut engine);
+        let bytes = engine.message_bytes();
+        let mut first = vec![0u64; bytes / 8];
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut first)).unwrap();
+        let mut made = |now: &[u64], next_tick: u64| {
+            let tick = Message::parse(bytemuck::cast_slice(now), Kind::FluidState).unwrap().header().tick;
+            let mut next = vec![0u64; bytes / 8];
+            let context = StepContext { next_tick, ..context(tick, 33) };
+            engine.step(&context, bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+            hyst_messages::stream::change_header(bytemuck::cast_slice_mut(&mut next), |header| {
+                (header.tick, header.step_ticks) = (next_tick, 33);
+            });
+            next
+        };
+        let told = |state: &[u64]| {
+            let block: &[u8] = Message::parse(bytemuck::cast_slice(state), Kind::FluidState).unwrap().section(1).unwrap();
+            let view = StateView::new(block).unwrap();
+            (*view.pump(), view.time().1)
+        };
+        let founded = made(&first, 1_000);
+        let first_s = told(&founded).1;
+        assert!((first_s - 0.033).abs() < 1e-6, "{first_s} s: nothing flowed before the role was founded");
+        let before = made(&founded, 1_250);
+        let mut in_periods = before.clone();
+        for tick in [1_283, 1_316, 1_349, 1_382] {
+            in_periods = made(&in_periods, tick);
+        }
+        let at_once = made(&before, 1_382);
+        let ((from, from_s), (each, each_s), (all, all_s)) = (told(&before), told(&in_periods), told(&at_once));
+        assert!((all_s - each_s).abs() < 1e-6 && (all_s - from_s - 0.132).abs() < 1e-6, "{from_s} s, {each_s} s, {all_s} s");
+        for (from_ml, each_ml, all_ml) in [(from.in_ml, each.in_ml, all.in_ml), (from.out_ml, each.out_ml, all.out_ml)] {
+            let (went_ml, went_at_once_ml) = (each_ml - from_ml, all_ml - from_ml);
+            assert!(went_ml > 0.05 && (went_at_once_ml / went_ml - 1.0).abs() < 0.02, "{went_ml} ml, at once {went_at_once_ml}");
+        }
+        let mut moved_s = |next_tick: u64| told(&made(&before, next_tick)).1 - from_s;
+        let wanted_s = [(1_283, 0.033), (1_200, 0.033), (1_499, 0.249), (1_501, 0.25), (61_250, 0.25)];
+        for (next_tick, wanted_s) in wanted_s {
+            let found_s = moved_s(next_tick);
+            assert!((found_s - wanted_s).abs() < 1e-6, "to tick {next_tick}: {found_s} s");
+        }
+    });
+}
+
 #[test]
 fn what_is_coagulated_is_in_the_state_and_whoever_goes_on_from_it_has_it() {
     in_a_station("seals", |mut engine| {

@@ -12,7 +12,7 @@ use hyst_messages::{Kind, Role, StreamHeader};
 pub struct StepContext {
     /// Tick of the state that is read.
     pub tick: u64,
-    /// Tick of the state that is written.
+    /// Tick of the state that is written: a step after `tick`, or later where a new epoch begins after ticks that were lost.
     pub next_tick: u64,
     /// Epoch of the state that is read.
     pub state_epoch: u32,
@@ -43,7 +43,7 @@ pub trait Stateful {
     /// Takes longer steps from now on, if there are any and nobody asked for these. Called before the first step of an epoch, in a role that has begun ever
     /// new ones for seconds because its steps come too late; whoever follows has the step from the state.
     fn lengthen(&self) {}
-    /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost.
+    /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost unless `step` goes by the ticks of both states.
     fn backlog(&self) -> u64 {
         0
     }

@@ -1,6 +1,6 @@
 //! `bench flow`: the Flow Engine's own benchmark, and what a fine grid costs the Main Loop: the default station without a fluid, and with one of
-//! 64 × 28 × 64 cells, in turns, so that what the host does falls on both. The row is the median step of the Main Loop (its loop latency) with the fluid over that
-//! without, the median of the pairs.
+//! 64 × 28 × 64 cells, in turns, so that what the host does falls on both. The row is the median step of the Main Loop (its loop latency) with the
+//! fluid over that without, the median of the pairs. It counts only if the fluid had that grid, and 25 Hz.
 
 use super::arm::{Arm, Kind};
 use super::probe::Spell;
@@ -16,10 +16,14 @@ use std::process::{Command, Stdio};
 
 /// The grid of the comparison: 28 cells along the thin axis of the default scene.
 const CELLS: [usize; 3] = [64, 28, 64];
-/// Pairs of windows: a median of five forgets two that the host disturbed.
-const ROUNDS: usize = 5;
+/// Pairs of windows. The ten pairs of two runs lay between 0.73 and 1.11, and the medians of five came to 0.98 and 1.08, on both sides of the limit
+/// (2-core VM that is shared, 2026-11-28). A median of eleven forgets five that the host disturbed.
+const ROUNDS: usize = 11;
 /// The Main Loop's step with the fluid over that without.
 const MOST_RATIO: f64 = 1.05;
+/// The fluid's rate meanwhile, Hz: one that hardly runs costs the Main Loop nothing. That of Tuchschmid et al. (ISBMS 2006); the scene asks for 30. A
+/// period counts whoever of the role made its state.
+const LEAST_HZ: f64 = 25.0;
 
 /// Measures, prints, and says whether every target is held.
 pub fn flow(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
@@ -99,6 +103,7 @@ fn judged(arms: &[Arm; 2]) -> (Value, Target) {
     let [with, without] = arms;
     let of_flow = |figure: fn(&Spell) -> Option<f64>| median(figures(with, "fluid:active", figure));
     let halvings = with.windows.iter().filter_map(|window| window.spells.get("fluid:active")?.halvings).max();
+    let fluid_hz = of_flow(Spell::rate_hz);
     let steps = |arm: &Arm| arm.windows.iter().map(super::targets::step_us).collect::<Vec<_>>();
     let pairs = ratios(with, without);
     let row = json!({
@@ -106,18 +111,18 @@ fn judged(arms: &[Arm; 2]) -> (Value, Target) {
         "name": "Main Loop beside the fluid",
         "grid": CELLS.map(|cells| cells.to_string()).join("x"),
         "halvings": halvings,
-        "fluid_hz": of_flow(Spell::rate_hz),
+        "fluid_hz": fluid_hz,
         "main_loop_us": { "with": steps(with), "without": steps(without) },
         "ratios": pairs,
         "failures": [&with.failures, &without.failures],
     });
-    // A grid that the machine does not afford is not the one that was asked for.
-    let is_fine = halvings == Some(0) && arms.iter().all(|arm| arm.failures.is_empty());
-    let ratio = median(pairs).filter(|_| is_fine);
-    let hz = row["fluid_hz"].as_f64().unwrap_or(0.0);
+    // A grid or a rate that the machine does not afford is not what was asked for.
+    let is_fine = halvings == Some(0) && fluid_hz.is_some_and(|hz| hz >= LEAST_HZ);
+    let ratio = median(pairs).filter(|_| is_fine && arms.iter().all(|arm| arm.failures.is_empty()));
     let name = format!(
-        "Main Loop's median step, with a fluid of {} at {hz:.0} Hz over without",
-        row["grid"].as_str().unwrap_or_default()
+        "Main Loop's median step, with a fluid of {} at {:.1} Hz (at least {LEAST_HZ}) over without",
+        row["grid"].as_str().unwrap_or_default(),
+        fluid_hz.unwrap_or(0.0)
     );
     (row, Target::new(name, ratio, MOST_RATIO, false).required())
 }
@@ -127,21 +132,29 @@ mod tests {
     use super::*;
     use crate::commands::bench::probe::Window;
 
-    fn window(step_ns: u64, halvings: u32) -> Window {
+    fn window(step_ns: u64, halvings: u32, fluid_steps: u64) -> Window {
         let mut looping = vec![0; hyst_messages::LATENCY_BUCKETS];
         looping[hyst_messages::bucket_of_ns(step_ns)] = 1_000;
         let tissue = Spell { seconds: 2.0, steps: Some(2_000), looping, ..Spell::default() };
-        let fluid = Spell { seconds: 2.0, steps: Some(60), halvings: Some(halvings), ..Spell::default() };
+        let fluid = Spell { seconds: 2.0, steps: Some(fluid_steps), halvings: Some(halvings), ..Spell::default() };
         let spells = [("tissue:active".into(), tissue), ("fluid:active".into(), fluid)].into();
         Window { spells, quiet: true, ..Window::default() }
     }
 
     #[test]
-    fn a_fluid_that_slows_the_main_loop_or_whose_grid_was_halved_is_not_held() {
-        for (with_ns, halvings, held) in [(500_000, 0, true), (700_000, 0, false), (500_000, 1, false)] {
+    fn a_fluid_that_slows_the_main_loop_or_whose_grid_was_halved_or_that_is_slow_itself_is_not_held() {
+        let cases = [
+            (500_000, 0, 60, true),
+            (700_000, 0, 60, false),
+            (500_000, 1, 60, false),
+            (500_000, 0, 50, true),
+            (500_000, 0, 49, false),
+            (500_000, 0, 12, false),
+        ];
+        for (with_ns, halvings, fluid_steps, held) in cases {
             let mut arms = [Arm::new(Kind::Processes, 0), Arm::new(Kind::Processes, 0).without(Role::Fluid)];
-            arms[0].windows = vec![window(with_ns, halvings); 3];
-            arms[1].windows = vec![window(500_000, 0); 3];
+            arms[0].windows = vec![window(with_ns, halvings, fluid_steps); 3];
+            arms[1].windows = vec![window(500_000, 0, fluid_steps); 3];
             let (row, target) = judged(&arms);
             assert_eq!(target.held, Some(held), "{row}");
         }

@@ -250,6 +250,7 @@ fn walls_that_are_kept_are_as_old_as_the_state_that_they_were_made_from() {
         assert_eq!(after(66, over_all), (33, true), "those of before");
         assert_eq!(after(99, over_all), (33, true), "and they grow old");
         assert_eq!(after(132, away), (132, false));
+        assert!(!engine.has_said_kept, "the next time is said, too");
     });
 }
 
