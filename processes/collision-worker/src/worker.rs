@@ -237,8 +237,12 @@ impl Worker<'_> {
         let held = jobs.and_then(|jobs| jobs.newest().ok()?).ok_or(Nothing::Absent)?;
         let job = job_of(held.bytes()).ok_or(Nothing::Invalid(release.coordinator))?;
         let (header, about) = (job.header, job_hash(bytemuck::cast_slice(job.points_m)));
-        let count = self.found(&job, release.index as u32).ok_or(Nothing::Absent)?;
         let share = Share { index: release.index as u32, count: header.words[0], split: Split::Tets };
+        let Some(count) = self.found(&job, share.index) else {
+            // Of none of its shares: so that the coordinator does not take it for an answer to another job.
+            self.answer(header, Share { count: 0, ..share }, 0, about).ok_or(Nothing::Absent)?;
+            return Err(Nothing::Absent);
+        };
         self.answer(header, share, (self.tells)(count).min(count), about).ok_or(Nothing::Absent)
     }
 

@@ -9,7 +9,7 @@ use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_t
 use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
-use hyst_exchange::{Held, Links, Loan, Publisher, ReadPage, Subscriber, system};
+use hyst_exchange::{Links, Loan, Publisher, ReadPage, Subscriber, system};
 use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
@@ -22,6 +22,10 @@ const PATIENCE_NS: u64 = 300_000;
 
 /// Answers of another step in a row after which a worker is distrusted: one may be late, and then there is one more.
 const OFF_IN_A_ROW: u32 = 3;
+
+/// Answers of nothing in a row after which it is: what a job is about may come later than the job, a topology by milliseconds where the cores are full; half a
+/// second without it is as good as no worker.
+const NOTHING_IN_A_ROW: u32 = 500;
 
 /// Parts of a share, of which one of one worker is computed here too in each step: whoever leaves hits out is found, where something was hit in the step
 /// before at once, elsewhere within so many steps for each worker.
@@ -40,8 +44,8 @@ pub struct Collision {
     shares: Vec<Vec<Hit>>,
     counts: Vec<usize>,
     hits: Vec<Hit>,
-    /// Answers of each worker in a row that were of another step.
-    off: [u32; MAX_WORKERS],
+    /// Answers of each worker in a row that were not taken.
+    rows: [Row; MAX_WORKERS],
     found: usize,
     /// Parts that were computed beside their worker so far, and the hits of the last one.
     parts: u32,
@@ -101,7 +105,7 @@ impl Collision {
             shares: vec![Vec::new(); workers.max(1)],
             counts: vec![0; workers.max(1)],
             hits: Vec::new(),
-            off: [0; MAX_WORKERS],
+            rows: Default::default(),
             found: 0,
             parts: 0,
             part: Vec::new(),
@@ -249,19 +253,25 @@ impl Collision {
                     false => 0,
                 };
                 let known = [&self.part[..part], &self.hits[..self.found]];
-                let taken = share_of(&held, context, worker, share, job_hash).and_then(|hits| {
-                    let place = self.shares[index].get_mut(..hits.len()).ok_or(Distrust::Invalid)?;
+                let taken = share_of(held.bytes(), context, worker, share, job_hash).and_then(|hits| {
+                    let place = self.shares[index].get_mut(..hits.len()).ok_or(Refused::Wrong(Distrust::Invalid))?;
                     place.copy_from_slice(hits); // checked where the worker cannot change it
                     let is_whole = are_true(place, share, points_m, points, &tissue)
                         && known.iter().all(|known| has_all_of(known, place, share, points_m, points, &tissue));
-                    is_whole.then_some(hits.len()).ok_or(Distrust::Invalid)
+                    is_whole.then_some(hits.len()).ok_or(Refused::Wrong(Distrust::Invalid))
                 });
                 match taken {
                     Ok(found) => {
-                        (self.counts[index], self.off[index]) = (found, 0);
+                        (self.counts[index], self.rows[index]) = (found, Row::default());
                         done |= 1 << index;
                     }
-                    Err(why) => refuse(life, worker, why, &mut self.off[index]),
+                    Err(why) => {
+                        let is_late = matches!(why, Refused::Nothing | Refused::Wrong(Distrust::Still));
+                        life.page.add64(if is_late { header::STALE } else { header::INVALID }, 1);
+                        if let Some(why) = self.rows[index].refuse(why) {
+                            life.distrust(worker, why);
+                        }
+                    }
                 }
             }
             for index in members(outcome.missing & group & !resting) {
@@ -314,27 +324,75 @@ fn release(coordinator: &mut ProcessCoordinator, life: &Life, group: Group) -> O
     coordinator.release_unless(group & coordinator.ready(), now_ns + lockstep::PATIENCE_NS, &lost)
 }
 
-/// Counts an answer that is not taken. One of another step may have been late once.
-fn refuse(life: &Life, worker: u32, why: Distrust, off: &mut u32) {
-    life.page.add64(if why == Distrust::Still { header::STALE } else { header::INVALID }, 1);
-    *off += 1;
-    if why != Distrust::Still || *off >= OFF_IN_A_ROW {
-        life.distrust(worker, why);
+/// Why an answer is not taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Refused {
+    /// The worker says that what the job is about has not come to it.
+    Nothing,
+    /// What it says cannot be of this job.
+    Wrong(Distrust),
+}
+
+/// Answers of a worker in a row that were not taken.
+#[derive(Clone, Copy, Debug, Default)]
+struct Row {
+    off: u32,
+    of_nothing: u32,
+}
+
+impl Row {
+    /// Counts one more, and gives for what the worker is distrusted, if it is.
+    fn refuse(&mut self, why: Refused) -> Option<Distrust> {
+        match why {
+            Refused::Nothing => *self = Row { off: 0, of_nothing: self.of_nothing.saturating_add(1) },
+            Refused::Wrong(_) => self.off = self.off.saturating_add(1),
+        }
+        match why {
+            Refused::Nothing => (self.of_nothing >= NOTHING_IN_A_ROW).then_some(Distrust::Still),
+            Refused::Wrong(Distrust::Still) => (self.off >= OFF_IN_A_ROW).then_some(Distrust::Still),
+            Refused::Wrong(why) => Some(why),
+        }
     }
 }
 
 /// The hits of a worker's answer, if it is the answer to this job by the member that was released; else what is wrong with it.
-fn share_of<'a>(held: &'a Held, context: &StepContext, worker: u32, share: Share, job_hash: u64) -> Result<&'a [Hit], Distrust> {
-    let message = Message::parse(held.bytes(), Kind::Contacts).map_err(|_| Distrust::Invalid)?;
+fn share_of<'a>(bytes: &'a [u8], context: &StepContext, worker: u32, share: Share, job_hash: u64) -> Result<&'a [Hit], Refused> {
+    let wrong = Refused::Wrong;
+    let message = Message::parse(bytes, Kind::Contacts).map_err(|_| wrong(Distrust::Invalid))?;
     let header = message.header();
     if (header.tick, header.epoch) != (context.tick, context.tenure.epoch) {
-        return Err(Distrust::Still);
+        return Err(wrong(Distrust::Still));
     }
-    if header.incarnation != worker || header.words != [share.index, share.count] {
-        return Err(Distrust::Invalid);
+    if header.incarnation != worker {
+        return Err(wrong(Distrust::Invalid));
+    }
+    match header.words {
+        [index, 0] if index == share.index => return Err(Refused::Nothing),
+        words if words != [share.index, share.count] => return Err(wrong(Distrust::Invalid)),
+        _ => {}
     }
     if message.section::<u64>(1).ok().and_then(<[u64]>::first) != Some(&job_hash) {
-        return Err(Distrust::Frozen);
+        return Err(wrong(Distrust::Frozen));
     }
-    message.section(0).map_err(|_| Distrust::Invalid)
+    message.section(0).map_err(|_| wrong(Distrust::Invalid))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three in a row of healthy workers were taken for a stamp that stands still while the trainee cut and tissues were killed: the new topology had not come.
+    #[test]
+    fn a_worker_to_which_what_the_job_is_about_has_not_come_is_given_time() {
+        let told = |answers: &[(Refused, u32)]| {
+            let mut row = Row::default();
+            let all = answers.iter().flat_map(|(why, times)| (0..*times).map(move |_| *why));
+            all.map(|why| row.refuse(why)).position(|told| told.is_some())
+        };
+        let [late, wrong] = [Distrust::Still, Distrust::Invalid].map(Refused::Wrong);
+        assert_eq!(told(&[(Refused::Nothing, NOTHING_IN_A_ROW - 1)]), None);
+        assert_eq!(told(&[(Refused::Nothing, NOTHING_IN_A_ROW)]), Some(NOTHING_IN_A_ROW as usize - 1), "it is of no use");
+        assert_eq!([told(&[(late, 2)]), told(&[(late, 3)]), told(&[(wrong, 1)])], [None, Some(2), Some(0)]);
+        assert_eq!(told(&[(late, 2), (Refused::Nothing, 1), (late, 2)]), None, "it has answered in between");
+    }
 }
