@@ -136,6 +136,8 @@ impl Clerk {
         let passed = rounds.clone();
         let body = move || {
             let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
+            // For want of a block, while readers that starve or have died hold all: it is sent again until it comes through.
+            let mut is_owed = false;
             while !stopped.load(Ordering::Acquire) {
                 passed.pass();
                 stalls(&stopped);
@@ -149,11 +151,11 @@ impl Clerk {
                 // What changes only when something is cut is said again for a lie to be told, and once more when that is over.
                 let has_turned = lies.has_turned();
                 let newest = std::iter::from_fn(|| changed.pop()).last();
-                if newest.is_none() && has_turned {
-                    let _ = send_topology(&publisher, &sent, incarnation, &mut lies);
+                if newest.is_none() && (has_turned || is_owed) {
+                    is_owed = send_topology(&publisher, &sent, incarnation, &mut lies).is_err();
                 }
                 if let Some(newest) = newest {
-                    let _ = send_topology(&publisher, &newest, incarnation, &mut lies);
+                    is_owed = send_topology(&publisher, &newest, incarnation, &mut lies).is_err();
                     last = answer(&newest);
                     // The one before is freed here, and not by the Main Loop.
                     drop(std::mem::replace(&mut sent, newest));

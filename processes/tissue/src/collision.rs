@@ -1,6 +1,7 @@
 //! The intersection test, shared among the collision workers through the Meeting Point: the hash is built once, in place in shared memory,
 //! and read in place; a share that is missing is computed here in the same step.
 
+use crate::answers::{Refused, Row, share_of};
 use crate::asking::Asking;
 use crate::contacts;
 use crate::points::ContactPoints;
@@ -12,20 +13,12 @@ use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
 use hyst_exchange::{Links, Loan, Publisher, ReadPage, Subscriber, system};
 use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, job_hash};
+use hyst_messages::{Kind, MAX_WORKERS, MessageMut, Role, StreamHeader, job_hash};
 use std::sync::Arc;
 
 /// What a step waits for its workers at most, ns: several times what a share takes, a third of a tick.
 const PATIENCE_NS: u64 = 300_000;
-
-/// Answers of another step in a row after which a worker is distrusted: one may be late, and then there is one more.
-const OFF_IN_A_ROW: u32 = 3;
-
-/// Answers of nothing in a row after which it is: what a job is about may come later than the job, a topology by milliseconds where the cores are full; half a
-/// second without it is as good as no worker.
-const NOTHING_IN_A_ROW: u32 = 500;
 
 /// Parts of a share, of which one of one worker is computed here too in each step: whoever leaves hits out is found, where something was hit in the step
 /// before at once, elsewhere within so many steps for each worker.
@@ -265,13 +258,7 @@ impl Collision {
                         (self.counts[index], self.rows[index]) = (found, Row::default());
                         done |= 1 << index;
                     }
-                    Err(why) => {
-                        let is_late = matches!(why, Refused::Nothing | Refused::Wrong(Distrust::Still));
-                        life.page.add64(if is_late { header::STALE } else { header::INVALID }, 1);
-                        if let Some(why) = self.rows[index].refuse(why) {
-                            life.distrust(worker, why);
-                        }
-                    }
+                    Err(why) => self.rows[index].refuse(life, worker, why, world.version),
                 }
             }
             for index in members(outcome.missing & group & !resting) {
@@ -322,77 +309,4 @@ fn release(coordinator: &mut ProcessCoordinator, life: &Life, group: Group) -> O
         lockstep::is_lost(&life.clock, page)
     };
     coordinator.release_unless(group & coordinator.ready(), now_ns + lockstep::PATIENCE_NS, &lost)
-}
-
-/// Why an answer is not taken.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Refused {
-    /// The worker says that what the job is about has not come to it.
-    Nothing,
-    /// What it says cannot be of this job.
-    Wrong(Distrust),
-}
-
-/// Answers of a worker in a row that were not taken.
-#[derive(Clone, Copy, Debug, Default)]
-struct Row {
-    off: u32,
-    of_nothing: u32,
-}
-
-impl Row {
-    /// Counts one more, and gives for what the worker is distrusted, if it is.
-    fn refuse(&mut self, why: Refused) -> Option<Distrust> {
-        match why {
-            Refused::Nothing => *self = Row { off: 0, of_nothing: self.of_nothing.saturating_add(1) },
-            Refused::Wrong(_) => self.off = self.off.saturating_add(1),
-        }
-        match why {
-            Refused::Nothing => (self.of_nothing >= NOTHING_IN_A_ROW).then_some(Distrust::Still),
-            Refused::Wrong(Distrust::Still) => (self.off >= OFF_IN_A_ROW).then_some(Distrust::Still),
-            Refused::Wrong(why) => Some(why),
-        }
-    }
-}
-
-/// The hits of a worker's answer, if it is the answer to this job by the member that was released; else what is wrong with it.
-fn share_of<'a>(bytes: &'a [u8], context: &StepContext, worker: u32, share: Share, job_hash: u64) -> Result<&'a [Hit], Refused> {
-    let wrong = Refused::Wrong;
-    let message = Message::parse(bytes, Kind::Contacts).map_err(|_| wrong(Distrust::Invalid))?;
-    let header = message.header();
-    if (header.tick, header.epoch) != (context.tick, context.tenure.epoch) {
-        return Err(wrong(Distrust::Still));
-    }
-    if header.incarnation != worker {
-        return Err(wrong(Distrust::Invalid));
-    }
-    match header.words {
-        [index, 0] if index == share.index => return Err(Refused::Nothing),
-        words if words != [share.index, share.count] => return Err(wrong(Distrust::Invalid)),
-        _ => {}
-    }
-    if message.section::<u64>(1).ok().and_then(<[u64]>::first) != Some(&job_hash) {
-        return Err(wrong(Distrust::Frozen));
-    }
-    message.section(0).map_err(|_| wrong(Distrust::Invalid))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Three in a row of healthy workers were taken for a stamp that stands still while the trainee cut and tissues were killed: the new topology had not come.
-    #[test]
-    fn a_worker_to_which_what_the_job_is_about_has_not_come_is_given_time() {
-        let told = |answers: &[(Refused, u32)]| {
-            let mut row = Row::default();
-            let all = answers.iter().flat_map(|(why, times)| (0..*times).map(move |_| *why));
-            all.map(|why| row.refuse(why)).position(|told| told.is_some())
-        };
-        let [late, wrong] = [Distrust::Still, Distrust::Invalid].map(Refused::Wrong);
-        assert_eq!(told(&[(Refused::Nothing, NOTHING_IN_A_ROW - 1)]), None);
-        assert_eq!(told(&[(Refused::Nothing, NOTHING_IN_A_ROW)]), Some(NOTHING_IN_A_ROW as usize - 1), "it is of no use");
-        assert_eq!([told(&[(late, 2)]), told(&[(late, 3)]), told(&[(wrong, 1)])], [None, Some(2), Some(0)]);
-        assert_eq!(told(&[(late, 2), (Refused::Nothing, 1), (late, 2)]), None, "it has answered in between");
-    }
 }

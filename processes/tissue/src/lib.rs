@@ -1,6 +1,7 @@
 //! The Main Loop and the Site Manager, with a spare that follows. See [`run`].
 
 mod afford;
+mod answers;
 mod asking;
 mod bench;
 mod body;
