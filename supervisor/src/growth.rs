@@ -21,6 +21,9 @@ const WARM_UP: u32 = 3;
 /// Open files beyond the base. An engine has some dozens for each process that it is connected to.
 const MOST_FILES: u64 = 256;
 
+/// Between two looks at what the device uses, ns: four for one at anybody else.
+const DEVICE_NS: u64 = 250_000_000;
+
 /// Resident memory beyond the base, MiB: several times what any engine was seen to add in ten minutes after its warm-up. Of a device, which has 8, less: the
 /// system takes 0.15 ms for each MiB of a process that ends, and until then nobody has the hand (21 to 34 ticks were lost with 170 MiB, 2-core VM,
 /// `leak-memory device`, 2026-11-28).
@@ -85,9 +88,21 @@ struct Record {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Growth {
     records: BTreeMap<usize, Record>,
+    /// When the device is looked at next, ns.
+    #[serde(skip)]
+    device_ns: u64,
 }
 
 impl Growth {
+    /// Whether the device is to be looked at again, and then not before [`DEVICE_NS`].
+    pub fn is_device_due(&mut self, now_ns: u64) -> bool {
+        let is_due = now_ns >= self.device_ns;
+        if is_due {
+            self.device_ns = now_ns + DEVICE_NS;
+        }
+        is_due
+    }
+
     /// A sample of a process that is ready; a text the first time that it has grown beyond its bound.
     pub fn sample(&mut self, slot: Slot, incarnation: u32, used: Use) -> Option<String> {
         let record = self.records.entry(slot.number()).or_default();

@@ -103,7 +103,6 @@ struct Supervisor {
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
-    next_device_ns: u64,
     /// The next part of the accounts, from 0, while they are under way.
     accounting: Option<usize>,
     /// Requests that wait until no notice does.
@@ -180,7 +179,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         page,
         next_ledger_ns: 0,
         next_accounts_ns: 0,
-        next_device_ns: 0,
         accounting: None,
         asked: VecDeque::new(),
         answered_ns: 0,

@@ -9,9 +9,6 @@ use crate::proc;
 use hyst_messages::page::ProcessState;
 use hyst_messages::{Role, Slot};
 
-/// Between two looks at what the device uses, ns: four for one at anybody else.
-const DEVICE_NS: u64 = 250_000_000;
-
 impl Supervisor {
     /// Does one part of the accounts, of which each may take a millisecond or some: a death is not to wait for all of them. False after the last.
     pub(super) fn account(&mut self, now_ns: u64, part: usize) -> bool {
@@ -50,10 +47,9 @@ impl Supervisor {
 
     /// Measures the device more often than the others: nobody has the hand while the system takes back what a device that ends had.
     pub(super) fn measure_device(&mut self, now_ns: u64) {
-        if now_ns < self.next_device_ns {
+        if !self.accounts.growth.is_device_due(now_ns) {
             return;
         }
-        self.next_device_ns = now_ns + DEVICE_NS;
         let slot = Slot::first(Role::Device);
         let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
         if pid != 0 && !dead && self.policy.is_ready(slot) {
