@@ -25,7 +25,7 @@ const MOST_FILES: u64 = 256;
 const DEVICE_NS: u64 = 250_000_000;
 
 /// Resident memory beyond the base, MiB: several times what any engine was seen to add in ten minutes after its warm-up. Of a device, which has 8, less: the
-/// system takes 0.15 ms for each MiB of a process that ends, and until then nobody has the hand (21 to 34 ticks were lost with 170 MiB, 2-core VM,
+/// system takes 0.15 ms for each MiB of a process that ends, and until then nobody has the hand (18 to 34 ticks were lost with 170 MiB, 2-core VM,
 /// `leak-memory device`, 2026-11-28).
 const fn most_mib(role: Role) -> u64 {
     match role {

@@ -96,14 +96,19 @@ pub fn for_each_cell_in(grid: &Grid, corners_m: [Vec3; 4], mut visit: impl FnMut
 mod tests {
     use super::*;
 
+    /// Numbers from -0.5 to 0.5, the same ones each time.
+    fn draws() -> impl FnMut() -> f32 {
+        let mut state = 20_061_u32;
+        move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        }
+    }
+
     #[test]
     fn the_cells_of_a_tet_are_those_whose_centres_lie_in_it() {
         let grid = Grid::new([9, 7, 8], [0.07, 0.11, 0.09], [-0.3, -0.4, -0.35]).unwrap();
-        let mut state = 20_061_u32;
-        let mut draw = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-        };
+        let mut draw = draws();
         let centre_m = |cell: usize| Vec3::from(grid.centre_m([cell % 9, cell / 9 % 7, cell / 63]));
         let mut visited = 0;
         for tet in 0..2_000 {
@@ -164,11 +169,7 @@ mod tests {
         let grid = Grid::new([CELLS; 3], [1.0625e-3, 0.889e-3, 1.75e-3], [-0.017, -0.008, -0.002]).unwrap();
         let place = |index: usize, count: usize| [index % count, index / count % count, index / (count * count)];
         for jitter in [0.0f32, 0.5] {
-            let mut state = 20_061_u32;
-            let mut draw = || {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-            };
+            let mut draw = draws();
             let node_m = |node: usize| {
                 let at = place(node, NODES);
                 let centre_m = Vec3::from(grid.centre_m(at.map(|index| 2 * index + 1)));

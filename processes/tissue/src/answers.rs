@@ -48,13 +48,14 @@ impl Row {
     /// One more, and for what the worker is distrusted, if it is.
     fn count(&mut self, why: Refused) -> Option<Distrust> {
         match why {
-            Refused::Nothing => *self = Row { off: 0, of_nothing: self.of_nothing.saturating_add(1) },
-            Refused::Wrong(_) => self.off = self.off.saturating_add(1),
-        }
-        match why {
-            Refused::Nothing => (self.of_nothing >= NOTHING_IN_A_ROW).then_some(Distrust::Still),
-            Refused::Wrong(Distrust::Still) => (self.off >= OFF_IN_A_ROW).then_some(Distrust::Still),
-            Refused::Wrong(why) => Some(why),
+            Refused::Nothing => {
+                *self = Row { off: 0, of_nothing: self.of_nothing.saturating_add(1) };
+                (self.of_nothing >= NOTHING_IN_A_ROW).then_some(Distrust::Still)
+            }
+            Refused::Wrong(why) => {
+                self.off = self.off.saturating_add(1);
+                (why != Distrust::Still || self.off >= OFF_IN_A_ROW).then_some(why)
+            }
         }
     }
 }

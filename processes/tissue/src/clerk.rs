@@ -151,14 +151,14 @@ impl Clerk {
                 // What changes only when something is cut is said again for a lie to be told, and once more when that is over.
                 let has_turned = lies.has_turned();
                 let newest = std::iter::from_fn(|| changed.pop()).last();
-                if newest.is_none() && (has_turned || is_owed) {
-                    is_owed = send_topology(&publisher, &sent, incarnation, &mut lies).is_err();
-                }
+                let is_due = newest.is_some() || has_turned || is_owed;
                 if let Some(newest) = newest {
-                    is_owed = send_topology(&publisher, &newest, incarnation, &mut lies).is_err();
                     last = answer(&newest);
                     // The one before is freed here, and not by the Main Loop.
                     drop(std::mem::replace(&mut sent, newest));
+                }
+                if is_due {
+                    is_owed = send_topology(&publisher, &sent, incarnation, &mut lies).is_err();
                 }
                 system::sleep_ns(INTERVAL_NS);
             }

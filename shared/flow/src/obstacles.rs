@@ -45,7 +45,7 @@ impl Walls {
         for (axis, along) in self.velocity_m_s.iter_mut().enumerate() {
             for ((along, given), solid) in along.iter_mut().zip(given).zip(solid) {
                 let (mut v, counts) = (given[axis], *solid != 0);
-                if counts && (v.abs() > MAX_WALL_M_S || v.is_nan()) {
+                if counts {
                     tame(&mut v, -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced);
                 }
                 *along = if counts { v } else { 0.0 };

@@ -40,25 +40,22 @@ impl Supervisor {
     pub(super) fn sample_and_measure(&mut self, now_ns: u64, slot: Slot) {
         let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
         self.sample(now_ns, slot, (!dead).then_some(pid));
-        if pid != 0 && !dead && self.policy.is_ready(slot) {
-            self.measure(now_ns, slot, pid);
-        }
+        self.measure(now_ns, slot);
     }
 
     /// Measures the device more often than the others: nobody has the hand while the system takes back what a device that ends had.
     pub(super) fn measure_device(&mut self, now_ns: u64) {
-        if !self.accounts.growth.is_device_due(now_ns) {
-            return;
-        }
-        let slot = Slot::first(Role::Device);
-        let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
-        if pid != 0 && !dead && self.policy.is_ready(slot) {
-            self.measure(now_ns, slot, pid);
+        if self.accounts.growth.is_device_due(now_ns) {
+            self.measure(now_ns, Slot::first(Role::Device));
         }
     }
 
-    /// Replaces a process that grows without end before the system kills it.
-    fn measure(&mut self, now_ns: u64, slot: Slot, pid: u32) {
+    /// Replaces a process that lives, is ready and grows without end, before the system kills it.
+    fn measure(&mut self, now_ns: u64, slot: Slot) {
+        let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
+        if pid == 0 || dead || !self.policy.is_ready(slot) {
+            return;
+        }
         let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
         let incarnation = self.viewer.page().incarnation(slot);
         let used = Use { resident_mib: resident_mib as u64, files };
