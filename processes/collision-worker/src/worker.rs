@@ -5,7 +5,7 @@
 //! coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it would be laid to
 //! whoever found them.
 
-use hyst_contact::{HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
+use hyst_contact::{Cull, HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
 use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
@@ -22,6 +22,8 @@ use std::sync::Arc;
 
 /// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
 const MAX_HITS: usize = 8192;
+/// Room for so many nodes of tissue from the start; with more it grows once.
+const USUAL_NODES: usize = 32_768;
 /// How long the worker waits for a release before it looks for a new coordinator, ns.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 /// Tissues whose streams are read.
@@ -47,6 +49,7 @@ struct Worker<'a> {
     sources: [Source; TISSUES],
     /// The source whose page the member has.
     followed: Option<usize>,
+    cull: Cull,
     hits: Vec<Hit>,
     tells: fn(usize) -> usize,
     lies: Lies,
@@ -84,6 +87,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         roster,
         sources: Default::default(),
         followed: None,
+        cull: Cull::for_nodes(USUAL_NODES),
         hits: vec![Hit::default(); MAX_HITS],
         tells,
         lies: Lies::new(life, bytes),
@@ -265,7 +269,7 @@ impl Worker<'_> {
         let [only_from, beyond] = job.own;
         let own = OwnContact { rest_m: topology.section(7).ok()?, beyond_m: f32::from_bits(beyond), only_from };
         let points = Points { owner: job.owner, node: job.node, own: Some(own) };
-        let found = intersect(share, &job.hash, &points, &tissue, &mut self.hits).ok()?;
+        let found = intersect(share, &job.hash, &points, &tissue, &mut self.cull, &mut self.hits).ok()?;
         (found.dropped == 0).then_some(found.count)
     }
 

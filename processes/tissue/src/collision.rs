@@ -6,7 +6,7 @@ use crate::asking::Asking;
 use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
-use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, has_all_of, intersect, merge};
+use hyst_contact::{Cull, HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, has_all_of, intersect, merge};
 use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
@@ -43,6 +43,7 @@ pub struct Collision {
     /// Parts that were computed beside their worker so far, and the hits of the last one.
     parts: u32,
     part: Vec<Hit>,
+    cull: Cull,
     missing: u32,
     dropped: u32,
     copied_bytes: u64,
@@ -102,6 +103,7 @@ impl Collision {
             found: 0,
             parts: 0,
             part: Vec::new(),
+            cull: Cull::for_nodes(world.case.room.nodes),
             missing: 0,
             dropped: 0,
             copied_bytes: 0,
@@ -242,7 +244,11 @@ impl Collision {
                 let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?) else { continue };
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
                 let part = match index == looked_at {
-                    true => intersect(share.part(number, PARTS), &hash, points, &tissue, &mut self.part).map_err(broken)?.count,
+                    true => {
+                        intersect(share.part(number, PARTS), &hash, points, &tissue, &mut self.cull, &mut self.part)
+                            .map_err(broken)?
+                            .count
+                    }
                     false => 0,
                 };
                 let known = [&self.part[..part], &self.hits[..self.found]];
@@ -269,7 +275,7 @@ impl Collision {
         for index in 0..count {
             if done & (1 << index) == 0 {
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-                let found = intersect(share, &hash, points, &tissue, &mut self.shares[index]).map_err(broken)?;
+                let found = intersect(share, &hash, points, &tissue, &mut self.cull, &mut self.shares[index]).map_err(broken)?;
                 self.counts[index] = found.count;
                 self.dropped = self.dropped.saturating_add(found.dropped as u32);
             }

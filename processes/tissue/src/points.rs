@@ -9,7 +9,9 @@ use crate::site::MAX_OBJECTS;
 use crate::tool::{NOWHERE, Stand, Tool};
 use crate::world::{Case, TOOL_ID};
 use glam::Vec3;
-use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, OwnContact, PointGraph, Points, Share, Tissue, Topology, intersect};
+use hyst_contact::{
+    Cull, HashMut, HashSizes, Hit, Layout, NONE, OwnContact, PointGraph, Points, Share, Tissue, Topology, intersect,
+};
 use hyst_engine::Failure;
 use hyst_messages::Pose;
 use hyst_messages::stream::{ObjectKind, ObjectRecord};
@@ -91,7 +93,7 @@ impl ContactPoints {
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
             own_from: 0,
-            own_beyond_m: BESIDE_EDGES * case.cell_m,
+            own_beyond_m: BESIDE_EDGES * case.edge_m,
             owner: vec![TOOL_ID; tool.points_m.len()],
             node: vec![NONE; tool.points_m.len()],
             area_m2: tool.area_m2.clone(),
@@ -243,7 +245,7 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
     let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &body.rest.tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
     let points = Points { owner: &owner, node: &[], own: None };
-    let found = intersect(Share::ALL, &hash, &points, &tissue, &mut hits).map_err(broken)?;
+    let found = intersect(Share::ALL, &hash, &points, &tissue, &mut Cull::default(), &mut hits).map_err(broken)?;
     Ok(hits[..found.count].iter().map(|hit| nodes[hit.point as usize]).collect())
 }
 

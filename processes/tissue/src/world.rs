@@ -50,7 +50,9 @@ pub struct Case {
     rigid: Vec<String>,
     /// What holds a pathology in its host.
     roots: Roots,
-    /// Mean edge of the scene's tets: the cell of the spatial hash, m.
+    /// Mean edge of the scene's tets, m.
+    pub edge_m: f32,
+    /// Cell of the spatial hash, m.
     pub cell_m: f32,
     /// What there is room for.
     pub room: Room,

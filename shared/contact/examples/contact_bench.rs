@@ -63,13 +63,13 @@ impl Clouds {
             table.build(black_box(&self.points_m), cell_m, layout).unwrap();
         });
         let mut out = vec![Hit::default(); 2 * self.points_m.len()];
-        let mut found = 0;
+        let (mut cull, mut found) = (Cull::for_nodes(self.positions_m.len()), 0);
         // The slowest share is what a tick waits for.
         let query = (0..count).map(|index| {
             median_us(400, || {
                 let hash = HashRef::in_words(&words).unwrap();
                 let share = Share { index, count, split };
-                found = intersect(share, &hash, &self.points(), &self.tissue(), &mut out).unwrap().count;
+                found = intersect(share, &hash, &self.points(), &self.tissue(), &mut cull, &mut out).unwrap().count;
                 black_box(&out);
             })
         });

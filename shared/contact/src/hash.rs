@@ -86,11 +86,6 @@ pub(crate) fn hash_cell(cell: [i32; 3], slots: u32) -> usize {
 }
 
 impl Header {
-    #[inline(always)]
-    pub(crate) fn cell(&self, p: [f32; 3]) -> [i32; 3] {
-        p.map(|v| cell_of(v, self.per_m))
-    }
-
     /// The slot of a cell inside the occupied box.
     #[inline(always)]
     pub(crate) fn slot(&self, cell: [i32; 3]) -> usize {
@@ -100,6 +95,44 @@ impl Header {
         let [i, j, k] = [0, 1, 2].map(|a| cell[a].wrapping_sub(self.origin[a]) as u32 as usize);
         let row = k.wrapping_mul(self.dims[1] as usize).wrapping_add(j);
         row.wrapping_mul(self.dims[0] as usize).wrapping_add(i)
+    }
+}
+
+/// Points of which the slots are found at once.
+const POINTS: usize = 16;
+
+impl Header {
+    /// The slots of some points; [`OUT`] for one that is not finite, and beyond the last.
+    #[inline(always)]
+    fn slots_of(&self, points_m: &[[f32; 3]; POINTS]) -> [u32; POINTS] {
+        let mut x = [[0f32; POINTS]; 3];
+        for (l, point_m) in points_m.iter().enumerate() {
+            for (axis, x) in x.iter_mut().enumerate() {
+                x[l] = point_m[axis];
+            }
+        }
+        let mut cells = [[0i32; POINTS]; 3];
+        let mut is_finite = [1u32; POINTS];
+        for (x, cells) in x.iter().zip(&mut cells) {
+            for l in 0..POINTS {
+                cells[l] = cell_of(x[l], self.per_m);
+                is_finite[l] &= u32::from(x[l].abs() < f32::INFINITY);
+            }
+        }
+        let mut slots = [OUT; POINTS];
+        if self.hashed == 0 {
+            for l in 0..POINTS {
+                let [i, j, k] = [0, 1, 2].map(|axis| cells[axis][l].wrapping_sub(self.origin[axis]) as u32);
+                let row = k.wrapping_mul(self.dims[1]).wrapping_add(j);
+                let slot = row.wrapping_mul(self.dims[0]).wrapping_add(i);
+                slots[l] = if is_finite[l] != 0 { slot } else { OUT };
+            }
+        } else {
+            for l in (0..POINTS).filter(|l| is_finite[*l] != 0) {
+                slots[l] = hash_cell([cells[0][l], cells[1][l], cells[2][l]], self.slots) as u32;
+            }
+        }
+        slots
     }
 }
 
@@ -152,42 +185,48 @@ impl<'a> HashMut<'a> {
 
     #[inline(always)]
     fn fill(&mut self, points_m: &[[f32; 3]], per_m: f32, layout: Layout) {
-        let (lo, hi, kept) = bounds(points_m);
+        let (lo, hi) = bounds(points_m);
+        let is_empty = lo.iter().zip(&hi).any(|(lo, hi)| lo > hi);
         let (first, last) = (lo.map(|v| cell_of(v, per_m)), hi.map(|v| cell_of(v, per_m)));
-        let dims: [u32; 3] = std::array::from_fn(|a| if kept == 0 { 0 } else { (last[a] - first[a] + 1) as u32 });
+        let dims: [u32; 3] = std::array::from_fn(|a| if is_empty { 0 } else { (last[a] - first[a] + 1) as u32 });
         let cells = dims.iter().fold(1u128, |n, &d| n * u128::from(d));
         let fits = layout == Layout::Auto && cells <= self.sizes.slots as u128;
-        *self.header = Header {
+        let mut header = Header {
             magic: MAGIC,
             hashed: u32::from(!fits),
             capacity: self.sizes.points as u32,
             slots: self.sizes.slots as u32,
             points: points_m.len() as u32,
-            kept,
+            kept: 0,
             per_m,
-            origin: first,
+            origin: if is_empty { [0; 3] } else { first },
             dims,
             spare: [0; 3],
         };
-        let header = *self.header;
-        self.starts.fill(0);
-        for (p, slot) in points_m.iter().zip(self.slot_of.iter_mut()) {
-            *slot = OUT;
-            if finite(p) {
-                let s = header.slot(header.cell(*p));
-                *slot = s as u32;
-                self.starts[s] = self.starts[s].wrapping_add(1);
+        let used = if fits { cells as usize } else { self.sizes.slots };
+        let starts = &mut self.starts[..used];
+        starts.fill(0);
+        let mut last = [[f32::NAN; 3]; POINTS];
+        let (chunks, rest) = points_m.as_chunks::<POINTS>();
+        last[..rest.len()].copy_from_slice(rest);
+        for (points_m, slots) in chunks.iter().chain([&last]).zip(self.slot_of.chunks_mut(POINTS)) {
+            for (slot, found) in slots.iter_mut().zip(header.slots_of(points_m)) {
+                *slot = found;
+                if found != OUT {
+                    starts[found as usize] = starts[found as usize].wrapping_add(1);
+                    header.kept = header.kept.wrapping_add(1);
+                }
             }
         }
         let mut sum = 0u32;
-        for s in self.starts.iter_mut() {
+        for s in starts.iter_mut() {
             (*s, sum) = (sum, sum.wrapping_add(*s));
         }
         for (id, (p, &slot)) in points_m.iter().zip(self.slot_of.iter()).enumerate() {
             if slot == OUT {
                 continue;
             }
-            let start = &mut self.starts[slot as usize];
+            let start = &mut starts[slot as usize];
             let at = *start as usize;
             *start = start.wrapping_add(1);
             self.ids[at] = id as u32;
@@ -195,14 +234,16 @@ impl<'a> HashMut<'a> {
                 axis[at] = *v;
             }
         }
-        let slots = self.sizes.slots;
-        self.starts.copy_within(0..slots, 1);
+        let kept = header.kept as usize;
+        self.starts.copy_within(0..used, 1);
         self.starts[0] = 0;
+        self.starts[used + 1..].fill(header.kept);
         for axis in &mut self.xyz {
-            axis[kept as usize..].fill(f32::NAN);
+            axis[kept..].fill(f32::NAN);
         }
-        self.ids[kept as usize..].fill(0);
+        self.ids[kept..].fill(0);
         self.slot_of[points_m.len()..].fill(OUT);
+        *self.header = header;
     }
 
     /// The filled table, for reading in the same process.
@@ -229,21 +270,24 @@ impl pulp::WithSimd for Fill<'_, '_> {
     }
 }
 
+/// Box of the numbers of each axis that are finite; the lowest corner is above the highest where there are none.
 #[inline(always)]
-fn finite(p: &[f32; 3]) -> bool {
-    p[0].is_finite() & p[1].is_finite() & p[2].is_finite()
-}
-
-/// Box and number of the finite points.
-#[inline(always)]
-fn bounds(points_m: &[[f32; 3]]) -> ([f32; 3], [f32; 3], u32) {
-    let (mut lo, mut hi, mut kept) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3], 0u32);
-    for p in points_m.iter().filter(|p| finite(p)) {
-        kept = kept.wrapping_add(1);
-        for a in 0..3 {
-            lo[a] = min(lo[a], p[a]);
-            hi[a] = max(hi[a], p[a]);
+fn bounds(points_m: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
+    /// Numbers that are looked at at once, of whole points.
+    const WIDE: usize = 48;
+    let (mut least, mut most) = ([f32::INFINITY; WIDE], [f32::NEG_INFINITY; WIDE]);
+    let (chunks, rest) = points_m.as_flattened().as_chunks::<WIDE>();
+    let mut last = [f32::NAN; WIDE];
+    last[..rest.len()].copy_from_slice(rest);
+    for chunk in chunks.iter().chain([&last]) {
+        for (l, &v) in chunk.iter().enumerate() {
+            let is_number = v.abs() < f32::INFINITY;
+            least[l] = if is_number & (v < least[l]) { v } else { least[l] };
+            most[l] = if is_number & (v > most[l]) { v } else { most[l] };
         }
     }
-    (lo, hi, kept)
+    let of = |axis: usize, all: &[f32; WIDE], choose: fn(f32, f32) -> f32| {
+        all.iter().skip(axis).step_by(3).fold(all[axis], |found, &v| choose(found, v))
+    };
+    (std::array::from_fn(|axis| of(axis, &least, min)), std::array::from_fn(|axis| of(axis, &most, max)))
 }

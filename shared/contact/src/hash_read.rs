@@ -53,10 +53,12 @@ impl<'a> HashRef<'a> {
     fn check(&self) -> Result<(), ContactError> {
         let (header, starts) = (&self.header, self.starts);
         let bad = |what| Err(ContactError::Corrupt { what });
-        if starts[0] != 0 || starts[header.slots as usize] != header.kept || starts.windows(2).any(|w| w[0] > w[1]) {
+        // All of them without a way out in between, many at once: nearly always none is bad.
+        let falls = starts.iter().zip(&starts[1..]).fold(false, |falls, (this, next)| falls | (this > next));
+        if starts[0] != 0 || starts[header.slots as usize] != header.kept || falls {
             return bad("slots out of order");
         }
-        if self.ids[..header.kept as usize].iter().any(|&id| id >= header.points) {
+        if self.ids[..header.kept as usize].iter().fold(false, |any, &id| any | (id >= header.points)) {
             return bad("a point that does not exist");
         }
         let cells = header.dims.iter().fold(1u128, |n, &d| n * u128::from(d));
@@ -86,15 +88,23 @@ impl<'a> HashRef<'a> {
         points_m.len() == self.points() && (0..self.kept()).all(is_there)
     }
 
-    /// Lowest and highest corner of the box around the points in the table; the lowest is above the highest where there are none.
+    /// Lowest and highest corner of the box around the points of these sorted places; the lowest is above the highest where there are none.
     #[inline(always)]
-    pub(crate) fn around(&self) -> ([f32; 3], [f32; 3]) {
+    pub(crate) fn around(&self, (from, to): (usize, usize)) -> ([f32; 3], [f32; 3]) {
+        /// Accumulators, so that no comparison waits for the one before.
+        const WIDE: usize = 16;
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for axis in 0..3 {
-            for &v in &self.xyz[axis][..self.kept()] {
-                lo[axis] = min(lo[axis], v);
-                hi[axis] = max(hi[axis], v);
+            let (mut least, mut most) = ([f32::INFINITY; WIDE], [f32::NEG_INFINITY; WIDE]);
+            let (chunks, rest) = self.xyz[axis][from..to].as_chunks::<WIDE>();
+            for chunk in chunks {
+                for l in 0..WIDE {
+                    least[l] = min(least[l], chunk[l]);
+                    most[l] = max(most[l], chunk[l]);
+                }
             }
+            lo[axis] = least.iter().chain(rest).fold(f32::INFINITY, |least, &v| min(least, v));
+            hi[axis] = most.iter().chain(rest).fold(f32::NEG_INFINITY, |most, &v| max(most, v));
         }
         (lo, hi)
     }
@@ -146,12 +156,17 @@ impl<'a> HashRef<'a> {
             cells = cells.saturating_mul((last[axis].wrapping_sub(first[axis]) as u64).wrapping_add(1));
         }
         if self.header.hashed == 0 {
-            for k in first[2]..=last[2] {
-                for j in first[1]..=last[1] {
-                    let from = self.header.slot([first[0], j, k]);
-                    let to = from.wrapping_add(last[0].wrapping_sub(first[0]) as usize).wrapping_add(1);
-                    run(self.starts[from] as usize, self.starts[to] as usize);
+            let [row, layer] =
+                [self.header.dims[0], self.header.dims[0].wrapping_mul(self.header.dims[1])].map(|slots| slots as usize);
+            let many = |axis: usize| (last[axis].wrapping_sub(first[axis]) as usize).wrapping_add(1);
+            let mut of_layer = self.header.slot(first);
+            for _ in 0..many(2) {
+                let mut from = of_layer;
+                for _ in 0..many(1) {
+                    run(self.starts[from] as usize, self.starts[from.wrapping_add(many(0))] as usize);
+                    from = from.wrapping_add(row);
                 }
+                of_layer = of_layer.wrapping_add(layer);
             }
         } else if cells > MAX_CELLS {
             run(0, self.kept());

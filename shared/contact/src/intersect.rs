@@ -5,10 +5,10 @@
 //! face) has one deciding tet, the lowest; a point in tets of several objects has one hit for each object.
 
 use crate::ContactError;
+use crate::cull::Cull;
 use crate::hash::LANES;
 use crate::hash_read::HashRef;
 use crate::lanes::{Boxes, Corners, TETS, Tests};
-use crate::tet::{TetTest, max, min};
 use crate::types::{Found, Hit, Points, Share, Tissue};
 
 /// Tests one share: of the hashed points against all tets, or of the tets against all points.
@@ -23,6 +23,7 @@ pub fn intersect(
     hash: &HashRef<'_>,
     points: &Points<'_>,
     tissue: &Tissue<'_>,
+    cull: &mut Cull,
     out: &mut [Hit],
 ) -> Result<Found, ContactError> {
     points.check(hash.points())?;
@@ -30,9 +31,8 @@ pub fn intersect(
     let (from, to) = share.points(hash.kept())?;
     let mut sink = Sink::new(tissue, out);
     let bundles = share.bundles();
-    let nothing = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    let query = Query { hash, points, tissue, from, to, bundles, around: [nothing; 2] };
-    pulp::Arch::new().dispatch(Stream { query, sink: &mut sink });
+    let query = Query { hash, points, tissue, from, to, bundles };
+    pulp::Arch::new().dispatch(Stream { query, cull, sink: &mut sink });
     Ok(sink.finish())
 }
 
@@ -114,6 +114,7 @@ impl<'a> Sink<'a> {
 /// called through a shim that is not inlined, and loses the instruction set.
 struct Stream<'a, 's> {
     query: Query<'a>,
+    cull: &'s mut Cull,
     sink: &'s mut Sink<'a>,
 }
 
@@ -121,8 +122,8 @@ impl pulp::WithSimd for Stream<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(mut self, _: S) {
-        self.query.stream(self.sink);
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.query.stream(self.cull, self.sink);
     }
 }
 
@@ -135,101 +136,122 @@ struct Query<'a> {
     to: usize,
     /// First bundle of `TETS` tets, and the step to the next.
     bundles: (usize, usize),
-    /// Boxes, lowest and highest corner, of the share's points: of those with the owner of the first, which is the tool, and of all others. One box around
-    /// both would be met by all the tissue between them.
-    around: [([f32; 3], [f32; 3]); 2],
 }
 
 impl Query<'_> {
-    /// Streams the tets past the points: many at once as far as it goes, one by one past their points.
+    /// Streams the tets past the points: those that come near any are gathered, and tested many at once as far as it goes, one by one past their points.
     #[inline(always)]
-    fn stream(&mut self, sink: &mut Sink<'_>) {
-        for at in self.from..self.to {
-            let p = self.hash.position(at);
-            let is_other = self.points.owner.get(self.hash.id(at) as usize) != self.points.owner.first();
-            let (lo, hi) = &mut self.around[usize::from(is_other)];
-            for (axis, &v) in p.iter().enumerate() {
-                lo[axis] = min(lo[axis], v);
-                hi[axis] = max(hi[axis], v);
-            }
-        }
+    fn stream(&self, cull: &mut Cull, sink: &mut Sink<'_>) {
         if self.from == self.to {
             return;
         }
+        cull.tell(self.tissue, self.hash, (self.from, self.to));
+        // What is left over of one bundle, and those of the next.
+        let (mut near, mut count) = ([0u32; 2 * TETS], 0usize);
         let (start, step) = self.bundles;
-        let bundles = self.tissue.tets.chunks(TETS).enumerate();
-        for (bundle, tets) in bundles.skip(start).step_by(step) {
-            let first = bundle.wrapping_mul(TETS) as u32;
-            match <&[[u32; 4]; TETS]>::try_from(tets) {
-                Ok(tets) => self.bundle(tets, first, sink),
-                Err(_) => {
-                    // The last few, filled up with tets of no nodes, which nothing is near to.
-                    let mut filled = [[crate::NONE; 4]; TETS];
-                    filled[..tets.len()].copy_from_slice(tets);
-                    self.bundle(&filled, first, sink);
-                }
+        for (bundle, tets) in self.tissue.tets.chunks(TETS).enumerate().skip(start).step_by(step) {
+            for (l, tet) in tets.iter().enumerate() {
+                near[count] = bundle.wrapping_mul(TETS).wrapping_add(l) as u32;
+                count = count.wrapping_add(usize::from(cull.is_near(tet)));
             }
+            if count >= TETS {
+                self.bundle(&std::array::from_fn(|l| near[l]), sink);
+                near.copy_within(TETS.., 0);
+                count = count.wrapping_sub(TETS);
+            }
+        }
+        if count > 0 {
+            near[count..].fill(crate::NONE); // no tet
+            self.bundle(&std::array::from_fn(|l| near[l]), sink);
         }
     }
 
     /// Tests `TETS` tets.
     #[inline(always)]
-    fn bundle(&self, tets: &[[u32; 4]; TETS], first: u32, sink: &mut Sink<'_>) {
+    fn bundle(&self, tets: &[u32; TETS], sink: &mut Sink<'_>) {
         let mut x: Corners = [[[0.0; TETS]; 4]; 3];
-        for (l, tet) in tets.iter().enumerate() {
-            for (corner, &node) in tet.iter().enumerate() {
-                let p = self.tissue.node(node);
+        for (l, &tet) in tets.iter().enumerate() {
+            for (corner, p) in self.tissue.corners(tet).iter().enumerate() {
                 for axis in 0..3 {
                     x[axis][corner][l] = p[axis];
                 }
             }
         }
         let boxes = Boxes::of(&x);
-        let mut near = [0u32; TETS];
-        for (lo, hi) in self.around {
-            near.iter_mut().zip(boxes.meet(lo, hi)).for_each(|(near, meets)| *near |= meets);
-        }
-        if near.iter().fold(0, |any, &n| any | n) == 0 {
-            return;
-        }
-        let (from, to) = self.hash.cells(&boxes.lo, &boxes.hi);
-        let tests = Tests::of(&x, &boxes);
-        for (l, tet) in tets.iter().enumerate().filter(|(l, _)| near[*l] != 0) {
-            let Some(test) = tests.get(&x, &boxes, l) else {
-                continue;
-            };
-            let cell = |axes: &[[i32; TETS]; 3]| [axes[0][l], axes[1][l], axes[2][l]];
-            // Inlined, or the lanes of `run` would lose the instruction set of the dispatch.
+        let (first, last) = self.hash.cells(&boxes.lo, &boxes.hi);
+        // Lanes of points of which one is in the box of a tet, before anything else is computed of that.
+        let mut meetings = Meetings { known: [(0, 0); MEETINGS], count: 0 };
+        for l in 0..TETS {
+            let (lo, hi) = ([0, 1, 2].map(|axis| boxes.lo[axis][l]), [0, 1, 2].map(|axis| boxes.hi[axis][l]));
+            // Inlined, or the lanes would lose the instruction set of the dispatch.
             self.hash.for_runs_in(
-                cell(&from),
-                cell(&to),
+                [0, 1, 2].map(|axis| first[axis][l]),
+                [0, 1, 2].map(|axis| last[axis][l]),
                 #[inline(always)]
                 |from, to| {
-                    let (from, to) = (from.max(self.from), to.min(self.to));
-                    self.run(first.wrapping_add(l as u32), tet, &test, from, to, sink);
+                    let (mut at, to) = (from.max(self.from), to.min(self.to));
+                    while at < to {
+                        if meetings.count == MEETINGS {
+                            self.test(tets, (&x, &boxes), &mut meetings, sink);
+                        }
+                        let lanes = to.wrapping_sub(at).min(LANES) as u32;
+                        meetings.known[meetings.count] = (at as u32, lanes << TET_BITS | l as u32);
+                        meetings.count = meetings.count.wrapping_add(usize::from(meets(self.hash.lanes(at), &lo, &hi)));
+                        at = at.wrapping_add(LANES);
+                    }
                 },
             );
         }
+        self.test(tets, (&x, &boxes), &mut meetings, sink);
     }
 
-    /// Tests the sorted points `from..to` in lanes.
+    /// Tests the points that lie near the boxes of `TETS` tets.
     #[inline(always)]
-    fn run(&self, tet: u32, nodes: &[u32; 4], test: &TetTest, from: usize, to: usize, sink: &mut Sink<'_>) {
-        let mut at = from;
-        while at < to {
-            let [x, y, z] = self.hash.lanes(at);
-            let inside = test.inside_lanes(x, y, z);
-            if inside.iter().fold(0, |any, &i| any | i) != 0 {
-                let lanes = to.wrapping_sub(at).min(LANES);
-                for (l, _) in inside.iter().enumerate().take(lanes).filter(|(_, i)| **i != 0) {
-                    let point = self.hash.id(at.wrapping_add(l));
-                    let weights = test.weights_at([x[l], y[l], z[l]]);
-                    if self.points.may_hit(point, nodes, self.tissue.owner(tet), &weights) {
-                        sink.push(Hit { point, tet, weights });
-                    }
+    fn test(&self, tets: &[u32; TETS], (x, boxes): (&Corners, &Boxes), meetings: &mut Meetings, sink: &mut Sink<'_>) {
+        let count = std::mem::take(&mut meetings.count);
+        if count == 0 {
+            return;
+        }
+        let tests = Tests::of(x, boxes);
+        for &(at, whom) in &meetings.known[..count] {
+            let (at, lanes, l) = (at as usize, (whom >> TET_BITS) as usize, (whom as usize) % TETS);
+            let (Some(test), Some(nodes)) = (tests.get(x, boxes, l), self.tissue.tets.get(tets[l] as usize)) else {
+                continue;
+            };
+            let [px, py, pz] = self.hash.lanes(at);
+            let inside = test.inside_lanes(px, py, pz);
+            if inside.iter().fold(0, |any, &i| any | i) == 0 {
+                continue;
+            }
+            for (lane, _) in inside.iter().enumerate().take(lanes).filter(|(_, i)| **i != 0) {
+                let point = self.hash.id(at.wrapping_add(lane));
+                let weights = test.weights_at([px[lane], py[lane], pz[lane]]);
+                if self.points.may_hit(point, nodes, self.tissue.owner(tets[l]), &weights) {
+                    sink.push(Hit { point, tet: tets[l], weights });
                 }
             }
-            at = at.wrapping_add(LANES);
         }
     }
+}
+
+/// Room for lanes of points that lie near some tets; more are tested in turns.
+const MEETINGS: usize = 128;
+/// Bits of a tet's number in its bundle.
+const TET_BITS: u32 = TETS.trailing_zeros();
+
+/// Lanes of points near tets: the sorted place of the first, and their number above that of the tet in its bundle.
+struct Meetings {
+    known: [(u32, u32); MEETINGS],
+    count: usize,
+}
+
+/// Whether any of the points lies in a box.
+#[inline(always)]
+fn meets([x, y, z]: [&[f32; LANES]; 3], lo: &[f32; 3], hi: &[f32; 3]) -> bool {
+    let mut any = 0u32;
+    for l in 0..LANES {
+        let is_in = (x[l] >= lo[0]) & (x[l] <= hi[0]) & (y[l] >= lo[1]) & (y[l] <= hi[1]) & (z[l] >= lo[2]) & (z[l] <= hi[2]);
+        any |= u32::from(is_in);
+    }
+    any != 0
 }

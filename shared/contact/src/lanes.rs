@@ -29,18 +29,6 @@ impl Boxes {
         }
         boxes
     }
-
-    /// For each lane 1 if the box meets another box, else 0.
-    #[inline(always)]
-    pub fn meet(&self, lo: [f32; 3], hi: [f32; 3]) -> [u32; TETS] {
-        let mut near = [1u32; TETS];
-        for axis in 0..3 {
-            for (l, near) in near.iter_mut().enumerate() {
-                *near &= u32::from((self.lo[axis][l] <= hi[axis]) & (self.hi[axis][l] >= lo[axis]));
-            }
-        }
-        near
-    }
 }
 
 /// Some tets made ready for testing points.

@@ -16,6 +16,7 @@
 //! depth); Hunt and Crossley 1975 (damping that starts at zero); Möller and Trumbore 1997 (segment against triangle).
 
 mod brute;
+mod cull;
 mod error;
 mod hash;
 mod hash_read;
@@ -35,6 +36,7 @@ mod verify;
 mod walk;
 
 pub use brute::intersect_brute;
+pub use cull::Cull;
 pub use error::ContactError;
 pub use hash::{HashMut, HashSizes, LANES, Layout};
 pub use hash_read::HashRef;

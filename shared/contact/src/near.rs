@@ -65,7 +65,7 @@ impl pulp::WithSimd for Search<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(mut self, _: S) {
         let topology = self.topology;
-        let (lowest, highest) = self.hash.around();
+        let (lowest, highest) = self.hash.around((0, self.hash.kept()));
         let groups = topology.boundary.chunks(GROUP).zip(topology.boundary_owner.chunks(GROUP));
         for (group, (triangles, owners)) in groups.enumerate() {
             let corners = |l: usize| triangles[l].map(|n| self.tissue.node(n));

@@ -108,6 +108,10 @@ pub struct OwnContact<'a> {
 impl OwnContact<'_> {
     /// Whether a node may meet a place in a tet, given by the weights of its corners.
     fn may_meet(&self, node: u32, tet: &[u32; 4], weights: &[f32; 4]) -> bool {
+        // Most points of tissue lie in the tets that they are corners of.
+        if tet.contains(&node) {
+            return false;
+        }
         let rest = |node: u32| self.rest_m.get(node as usize).copied().unwrap_or([f32::NAN; 3]);
         let corners = tet.map(rest);
         let away = |axis: usize| {
@@ -115,7 +119,7 @@ impl OwnContact<'_> {
             place - rest(node)[axis]
         };
         let squared: f32 = [away(0), away(1), away(2)].iter().map(|away| away * away).sum();
-        !tet.contains(&node) && squared > self.beyond_m * self.beyond_m
+        squared > self.beyond_m * self.beyond_m
     }
 }
 

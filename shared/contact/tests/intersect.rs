@@ -97,7 +97,7 @@ proptest! {
             let points = Points { owner: &owner, node: &[], own: None };
             let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
             let mut out = vec![Hit::default(); 64];
-            let found = intersect(Share::ALL, &hash, &points, &tissue, &mut out).unwrap();
+            let found = intersect(Share::ALL, &hash, &points, &tissue, &mut Cull::default(), &mut out).unwrap();
             prop_assert!(found.count <= 64);
         }
     }
@@ -156,7 +156,7 @@ fn too_short_an_output_is_reported_with_what_is_missing() {
     let mut table = HashMut::in_words(&mut words, sizes).unwrap();
     table.build(&points_m, 0.5, Layout::Auto).unwrap();
     let mut out = [Hit::default(); 20];
-    let found = intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut out).unwrap();
+    let found = intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut Cull::default(), &mut out).unwrap();
     assert_eq!((found.count, found.dropped), (20, 30));
     let wanted = brute(&points_m, &points, &tissue);
     assert!(out.iter().all(|hit| wanted.contains(hit)));
@@ -180,7 +180,10 @@ fn bad_sizes_are_errors_that_name_the_cure() {
     table.build(&[[0.0; 3]; 4], 1.0, Layout::Auto).unwrap();
     let points = Points { owner: &[TOOL; 3], node: &[], own: None };
     let tissue = Tissue { positions_m: &[], tets: &[], tet_owner: &[] };
-    assert!(matches!(intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []), Err(ContactError::Length { .. })));
+    assert!(matches!(
+        intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut Cull::default(), &mut []),
+        Err(ContactError::Length { .. })
+    ));
 }
 
 /// The table is sent to other processes as it lies: equal points have equal tables, whatever the words held before.

@@ -39,7 +39,7 @@ impl Scene {
     fn hits(&self, share: Share) -> Vec<Hit> {
         let mut hits = vec![Hit::default(); 4 * self.points_m.len()];
         let hash = HashRef::in_words(&self.words).unwrap();
-        let found = intersect(share, &hash, &self.points(), &self.tissue(), &mut hits).unwrap();
+        let found = intersect(share, &hash, &self.points(), &self.tissue(), &mut Cull::default(), &mut hits).unwrap();
         assert_eq!(found.dropped, 0);
         hits.truncate(found.count);
         hits
@@ -107,7 +107,8 @@ fn a_hit_of_a_fold_is_true_where_the_two_places_were_apart_and_missed_where_it_i
     HashMut::in_words(&mut words, sizes).unwrap().build(&nodes_m, 1.0, Layout::Auto).unwrap();
     let mut hits = vec![Hit::default(); 4 * nodes_m.len()];
     for share in shares(2) {
-        let found = intersect(share, &HashRef::in_words(&words).unwrap(), &points, &tissue, &mut hits).unwrap();
+        let found =
+            intersect(share, &HashRef::in_words(&words).unwrap(), &points, &tissue, &mut Cull::default(), &mut hits).unwrap();
         let whole = &hits[..found.count];
         assert!(whole.len() > 3, "{whole:?}");
         assert!(are_true(whole, share, &nodes_m, &points, &tissue));

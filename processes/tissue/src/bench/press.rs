@@ -5,7 +5,7 @@ use crate::contacts::{self, Contacts, ToolMotion};
 use crate::through::Passage;
 use crate::tool::Stand;
 use crate::world::{Workshop, World};
-use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
+use hyst_contact::{Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
 use hyst_messages::Pose;
@@ -31,7 +31,7 @@ const PASSES: usize = 7;
 struct Shared {
     world: World,
     input: RwLock<Input>,
-    shares: Vec<Mutex<(Vec<Hit>, usize)>>,
+    shares: Vec<Mutex<(Vec<Hit>, usize, Cull)>>,
 }
 
 struct Input {
@@ -43,11 +43,11 @@ impl SharedWork for Shared {
     fn step(&self, _phase: u32, index: usize, count: usize) {
         let input = self.input.read();
         let mut share = self.shares[index].lock();
-        let (hits, found) = &mut *share;
+        let (hits, found, cull) = &mut *share;
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
         let (points, tissue) =
             (self.world.points.view(&self.world.body.rest.positions_m), contacts::tissue(&self.world, &input.positions_m));
-        let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, hits));
+        let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, cull, hits));
         *found = tested.map_or(0, |found| found.count);
     }
 }
@@ -142,7 +142,7 @@ impl Press {
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
         let shared = Arc::new(Shared {
             input: RwLock::new(input),
-            shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0))).collect(),
+            shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0, Cull::for_nodes(nodes)))).collect(),
             world,
         });
         let mut press = Press {

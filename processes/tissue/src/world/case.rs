@@ -14,6 +14,9 @@ use hyst_engine::Failure;
 use hyst_messages::stream::{ObjectKind, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
 
+/// Cell of the spatial hash, in mean edges: what took the shortest of 0.4 to 1.5 in the paper's scenes (`bench contact`, 2-core VM, 2026-11-29).
+const CELL: f32 = 0.6;
+
 impl Case {
     pub(super) fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
         let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
@@ -22,6 +25,7 @@ impl Case {
             DeformableKind::Pathology => ObjectKind::Pathology,
         };
         let roots = Roots::of(scene, body, starts);
+        let edge_m = mean_edge_m(&body.rest.tets, &body.rest.positions_m);
         Ok(Case {
             rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || roots.has(index)).collect(),
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
@@ -31,7 +35,8 @@ impl Case {
             regions: regions(scene),
             rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
             roots,
-            cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
+            edge_m,
+            cell_m: CELL * edge_m,
             room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len(), regions(scene).len()),
             tool: Tool::of(rigid),
             electrode: rigid.electrode.clone(),

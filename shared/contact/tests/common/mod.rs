@@ -92,7 +92,7 @@ pub fn hits_split(
         .map(|index| {
             let mut out = vec![Hit::default(); room];
             let share = Share { index, count, split };
-            let found = intersect(share, &hash, points, tissue, &mut out).unwrap();
+            let found = intersect(share, &hash, points, tissue, &mut Cull::default(), &mut out).unwrap();
             assert_eq!(found.dropped, 0);
             out.truncate(found.count);
             out

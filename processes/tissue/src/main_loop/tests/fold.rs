@@ -7,7 +7,7 @@ use super::*;
 use crate::contacts;
 use crate::points::ContactPoints;
 use glam::Vec3;
-use hyst_contact::{Hit, Share, Split, are_true, has_all_of, intersect, merge};
+use hyst_contact::{Cull, Hit, Share, Split, are_true, has_all_of, intersect, merge};
 
 /// Edge of the cells, m. Two leaves of one cell, three apart, hang together at one end; the one that is nearer to the tool is free, the other is held.
 const EDGE_M: f32 = 2e-3;
@@ -75,7 +75,7 @@ fn are_found_in_shares(main: &MainLoop<'_>, positions_m: &[[f32; 3]], known: &[H
         for index in 0..count {
             let share = Share { index, count, split: Split::Tets };
             let mut part = room();
-            let found = intersect(share, &table, &points, &tissue, &mut part).unwrap();
+            let found = intersect(share, &table, &points, &tissue, &mut Cull::default(), &mut part).unwrap();
             part.truncate(found.count);
             assert!(are_true(&part, share, &main.points_m, &points, &tissue), "share {index} of {count}");
             let has_all = |told: &[Hit], known: &[Hit]| has_all_of(known, told, share, &main.points_m, &points, &tissue);
