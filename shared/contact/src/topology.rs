@@ -222,17 +222,26 @@ impl PointGraph {
     /// From a list of edges, in any order and direction; edges to points that do not exist, loops and repeats are left out.
     pub fn from_edges(points: usize, edges: &[[u32; 2]]) -> PointGraph {
         let real = |e: &&[u32; 2]| e[0] != e[1] && e.iter().all(|&p| (p as usize) < points);
-        let mut both: Vec<(u32, u32)> = edges.iter().filter(real).flat_map(|&[a, b]| [(a, b), (b, a)]).collect();
-        both.sort_unstable();
-        both.dedup();
-        let mut starts = vec![0u32; points + 1];
-        for &(a, _) in &both {
-            starts[a as usize + 1] += 1;
+        let both = || edges.iter().filter(real).flat_map(|&[a, b]| [(a, b), (b, a)]);
+        let mut ends = vec![0u32; points + 1];
+        both().for_each(|(a, _)| ends[a as usize + 1] += 1);
+        (0..points).for_each(|p| ends[p + 1] += ends[p]);
+        let mut all = vec![0u32; ends[points] as usize];
+        let mut next = ends.clone();
+        for (a, b) in both() {
+            all[next[a as usize] as usize] = b;
+            next[a as usize] += 1;
         }
-        for p in 0..points {
-            starts[p + 1] += starts[p];
+        // Each point has a few, most of them twice.
+        let (mut starts, mut joined) = (Vec::with_capacity(points + 1), Vec::with_capacity(all.len() / 2));
+        for ends in ends.windows(2) {
+            starts.push(joined.len() as u32);
+            let of_point = &mut all[ends[0] as usize..ends[1] as usize];
+            of_point.sort_unstable();
+            joined.extend(of_point.chunk_by(PartialEq::eq).map(|same| same[0]));
         }
-        PointGraph { starts, joined: both.into_iter().map(|(_, b)| b).collect() }
+        starts.push(joined.len() as u32);
+        PointGraph { starts, joined }
     }
 
     /// The edges of a set of triangles.

@@ -88,7 +88,14 @@ pub fn component_of_each_triangle(mesh: &TriangleMesh) -> Vec<u32> {
 fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut sets = Sets::new(nodes);
     for cell in cells {
-        cell.iter().skip(1).for_each(|&node| sets.join(cell[0], node));
+        let mut root = sets.root(cell[0]);
+        for node in &cell[1..] {
+            let other = sets.root(*node);
+            if other != root {
+                sets.parent[root.max(other) as usize] = root.min(other);
+                root = root.min(other);
+            }
+        }
     }
     let mut number_of_root = vec![u32::MAX; nodes];
     let mut next = 0;

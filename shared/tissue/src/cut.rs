@@ -13,6 +13,7 @@
 
 mod enclosed;
 mod fans;
+mod neighbourhood;
 mod places;
 mod refine;
 mod separate;

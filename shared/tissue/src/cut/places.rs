@@ -27,6 +27,24 @@ impl Bounds {
         (self.high_m - self.low_m).max_element()
     }
 
+    /// The lowest and the highest corner, m.
+    pub fn ends_m(&self) -> (DVec3, DVec3) {
+        (self.low_m, self.high_m)
+    }
+
+    /// The tets whose own boxes have a point in common with it, in their order.
+    pub fn tets_in(&self, positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
+        let (low_m, high_m) = (self.low_m.to_array(), self.high_m.to_array());
+        let touches = |tet: &[u32; 4]| {
+            let corners = tet.map(|node| positions_m[node as usize]);
+            (0..3).all(|axis| {
+                let [a, b, c, d] = corners.map(|corner| corner[axis]);
+                f64::from(a.min(b).min(c.min(d))) <= high_m[axis] && f64::from(a.max(b).max(c.max(d))) >= low_m[axis]
+            })
+        };
+        (0..).zip(tets).filter(|(_, tet)| touches(tet)).map(|(index, _)| index).collect()
+    }
+
     /// Whether they have a point in common.
     pub fn touches(&self, other: &Bounds) -> bool {
         self.low_m.cmple(other.high_m).all() && self.high_m.cmpge(other.low_m).all()

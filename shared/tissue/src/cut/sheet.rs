@@ -1,7 +1,7 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
 use super::Cuttable;
-use super::places::{Bounds, corners};
+use super::places::Bounds;
 use super::wire::Motion;
 use glam::DVec3;
 
@@ -54,8 +54,7 @@ impl Sheet {
         if self.triangles_m.is_empty() {
             return Vec::new();
         }
-        let is_near = |tet: &[u32; 4]| self.is_near(corners(&tissue.position_m, *tet));
-        (0..tissue.rest.tets.len() as u32).filter(|tet| is_near(&tissue.rest.tets[*tet as usize])).collect()
+        self.around_all.tets_in(&tissue.position_m, &tissue.rest.tets)
     }
 
     /// Where the edge from `from` to `to` crosses the sheet first. Edges of the mesh that go through an edge between two triangles cross: the products

@@ -5,6 +5,7 @@
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
 
+use super::neighbourhood::Neighbourhood;
 use super::places::{Bounds, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
@@ -14,8 +15,6 @@ use std::collections::BTreeMap;
 
 /// No edge of the surface is divided nearer to its end than this, m: a pixel or two of the picture.
 const SHORTEST_M: f64 = 0.1e-3;
-/// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
-const HAIR: f64 = 1e-4;
 /// How far under a triangle its tet is looked for, as a share of its size: a triangle of a wound lies between two tets.
 const UNDER_SHARE: f64 = 0.05;
 
@@ -98,14 +97,16 @@ impl Skin {
 
     /// Binds anew what lies at the tets that have changed, and lets come apart what no way through tets joins. Tells how many vertices found no room.
     pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], options: &CutOptions) -> usize {
-        let around = |tet: u32| Bounds::around(rest.tets[tet as usize].map(|node| at(&rest.positions_m, node)));
-        let box_of_change = changed.iter().map(|tet| around(*tet)).reduce(Bounds::with);
+        let around = |tet: &u32| Bounds::around(corners(&rest.positions_m, rest.tets[*tet as usize]));
+        let boxes: Vec<Bounds> = changed.iter().map(around).collect();
+        let box_of_change = boxes.iter().copied().reduce(Bounds::with);
         let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
         let mut is_changed = vec![false; rest.tets.len()];
         changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
         let is_loose = |vertex: u32| {
             let here = Bounds::around([at(&self.rest_m, vertex)]);
-            is_changed[self.bindings[vertex as usize].tet as usize] || here.touches(&box_of_change)
+            let is_in_one = || here.touches(&box_of_change) && boxes.iter().any(|around| here.touches(around));
+            is_changed[self.bindings[vertex as usize].tet as usize] || is_in_one()
         };
         let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
         let has = |triangle: &[u32; 3], of: &[bool]| triangle.iter().any(|vertex| of[*vertex as usize]);
@@ -117,16 +118,16 @@ impl Skin {
         let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
         let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| at(&self.rest_m, vertex));
         let reach = Bounds::around(points).with(box_of_change);
-        let candidates: Vec<u32> = (0..rest.tets.len() as u32).filter(|tet| around(*tet).touches(&reach)).collect();
-        let place = Neighbourhood::new(rest, candidates);
-        let mut at_vertex: BTreeMap<u32, Vec<Hosted>> = BTreeMap::new();
+        let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
+        let mut at_vertex: Vec<(u32, Hosted)> = Vec::with_capacity(3 * near.len());
         for triangle in near {
             let Some(hosted) = self.host(&place, triangle) else { continue };
-            for vertex in self.triangles[triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]) {
-                at_vertex.entry(vertex).or_default().push(hosted);
-            }
+            let corners = self.triangles[triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
+            at_vertex.extend(corners.map(|vertex| (vertex, hosted)));
         }
-        at_vertex.into_iter().map(|(vertex, triangles)| self.part(&place, vertex, &triangles, options)).sum()
+        at_vertex.sort_unstable_by_key(|(vertex, hosted)| (*vertex, hosted.triangle));
+        let by_vertex = at_vertex.chunk_by(|one, other| one.0 == other.0);
+        by_vertex.map(|triangles| self.part(&mut place, triangles, options)).sum()
     }
 
     /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
@@ -136,17 +137,19 @@ impl Skin {
         let (middle, outward) = ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero());
         let under = middle - outward * (UNDER_SHARE * middle.distance(a));
         let region = place.rest.regions[self.bindings[names[0] as usize].tet as usize];
-        let home = place.nearest(under, place.all().filter(|index| place.region(*index) == region))?;
+        let home = place.home(under, |index| place.region(index) == region)?;
         Some(Hosted { triangle, home, middle })
     }
 
     /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. Tells how many found no room.
-    fn part(&mut self, place: &Neighbourhood<'_>, vertex: u32, triangles: &[Hosted], options: &CutOptions) -> usize {
+    fn part(&mut self, place: &mut Neighbourhood<'_>, triangles: &[(u32, Hosted)], options: &CutOptions) -> usize {
+        let Some((vertex, _)) = triangles.first().copied() else { return 0 };
+        let triangles = || triangles.iter().map(|(_, hosted)| hosted);
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
-        let outside_m = triangles.iter().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
-        let radius_m = outside_m + triangles.iter().map(|one| one.middle.distance(point)).fold(0.0, f64::max);
-        let parts = place.parts_around(point, radius_m, triangles);
+        let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
+        let radius_m = outside_m + triangles().map(|one| one.middle.distance(point)).fold(0.0, f64::max);
+        let parts = place.parts_around(point, radius_m, triangles().map(|one| one.home));
         let mut out_of_room = 0;
         for (number, part) in parts.iter().enumerate() {
             let Some(nearest) = place.nearest(point, part.iter().copied()) else { continue };
@@ -161,10 +164,13 @@ impl Skin {
                 continue;
             }
             let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
-            for one in triangles.iter().filter(|one| part.contains(&one.home)) {
+            for one in triangles().filter(|one| place.part_of[one.home as usize] == Some(number as u32)) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
             }
+        }
+        for index in parts.iter().flatten() {
+            place.part_of[*index as usize] = None;
         }
         out_of_room
     }
@@ -249,94 +255,4 @@ struct Hosted {
     triangle: u32,
     home: u32,
     middle: DVec3,
-}
-
-/// The tets near a change, with what joins them. Tets are named by their index in it.
-struct Neighbourhood<'a> {
-    rest: &'a TetMesh,
-    tets: Vec<u32>,
-    bounds: Vec<Bounds>,
-    /// Planes of the four faces of each, inwards: normal and distance from the origin.
-    planes: Vec<[(DVec3, f64); 4]>,
-    joined: Vec<Vec<u32>>,
-}
-
-impl<'a> Neighbourhood<'a> {
-    fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
-        let mut faces = Vec::with_capacity(4 * tets.len());
-        let (mut bounds, mut planes) = (Vec::with_capacity(tets.len()), Vec::with_capacity(tets.len()));
-        for (index, tet) in tets.iter().enumerate() {
-            let nodes = rest.tets[*tet as usize];
-            let corners = nodes.map(|node| at(&rest.positions_m, node));
-            bounds.push(Bounds::around(corners));
-            planes.push(FACES.map(|face| {
-                let [a, b, c] = face.map(|place| corners[place]);
-                let inward = (c - a).cross(b - a).normalize_or_zero();
-                (inward, inward.dot(a))
-            }));
-            for face in FACES {
-                let mut key = face.map(|place| nodes[place]);
-                key.sort_unstable();
-                faces.push((key, index as u32));
-            }
-        }
-        faces.sort_unstable();
-        let mut joined = vec![Vec::new(); tets.len()];
-        for same in faces.chunk_by(|left, right| left.0 == right.0) {
-            let [(_, a), (_, b)] = same else { continue };
-            joined[*a as usize].push(*b);
-            joined[*b as usize].push(*a);
-        }
-        Neighbourhood { rest, tets, bounds, planes, joined }
-    }
-
-    fn all(&self) -> impl Iterator<Item = u32> + '_ {
-        0..self.tets.len() as u32
-    }
-
-    fn region(&self, index: u32) -> u32 {
-        self.rest.regions[self.tets[index as usize] as usize]
-    }
-
-    /// How far a point is inside of the face that it is least inside of, m.
-    fn depth_m(&self, index: u32, point: DVec3) -> f64 {
-        self.planes[index as usize].iter().map(|(normal, offset)| normal.dot(point) - offset).fold(f64::INFINITY, f64::min)
-    }
-
-    /// The tet around a point, or the one that it is least outside of; the first of equals.
-    fn nearest(&self, point: DVec3, among: impl Iterator<Item = u32>) -> Option<u32> {
-        let mut best: Option<(f64, u32)> = None;
-        for index in among {
-            let depth_m = self.depth_m(index, point);
-            if depth_m > HAIR * self.bounds[index as usize].extent_m() {
-                return Some(index);
-            }
-            if best.is_none_or(|(deepest_m, _)| depth_m > deepest_m) {
-                best = Some((depth_m, index));
-            }
-        }
-        best.map(|(_, index)| index)
-    }
-
-    /// The parts that the triangles' tets fall into when only ways through faces, and through tets near a point, count.
-    fn parts_around(&self, point: DVec3, radius_m: f64, triangles: &[Hosted]) -> Vec<Vec<u32>> {
-        let mut parts: Vec<Vec<u32>> = Vec::new();
-        for Hosted { home, .. } in triangles {
-            if parts.iter().any(|part| part.contains(home)) {
-                continue;
-            }
-            let mut part = vec![*home];
-            let mut next = 0;
-            while let Some(index) = part.get(next).copied() {
-                next += 1;
-                for other in &self.joined[index as usize] {
-                    if !part.contains(other) && self.depth_m(*other, point) >= -radius_m {
-                        part.push(*other);
-                    }
-                }
-            }
-            parts.push(part);
-        }
-        parts
-    }
 }

@@ -99,9 +99,7 @@ impl Cuttable {
     pub(super) fn seat_wire(&mut self, motion: &Motion) {
         let mut is_used = vec![false; self.position_m.len()];
         self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
-        let wire = Bounds::around(motion.to_m.iter().copied());
-        let tets = 0..self.rest.tets.len() as u32;
-        let near: Vec<u32> = tets.filter(|tet| self.bounds(*tet).touches(&wire)).collect();
+        let near = Bounds::around(motion.to_m.iter().copied()).tets_in(&self.position_m, &self.rest.tets);
         let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &is_used);
         self.wire = motion.to_m.iter().zip(&motion.ways).map(seat).collect();
     }
