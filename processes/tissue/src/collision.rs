@@ -243,13 +243,11 @@ impl Collision {
                 let worker = self.coordinator.incarnation_at(index);
                 let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?) else { continue };
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-                let part = match index == looked_at {
-                    true => {
-                        intersect(share.part(number, PARTS), &hash, points, &tissue, &mut self.cull, &mut self.part)
-                            .map_err(broken)?
-                            .count
-                    }
-                    false => 0,
+                let part = if index == looked_at {
+                    let part = share.part(number, PARTS);
+                    intersect(part, &hash, points, &tissue, &mut self.cull, &mut self.part).map_err(broken)?.count
+                } else {
+                    0
                 };
                 let known = [&self.part[..part], &self.hits[..self.found]];
                 let taken = share_of(held.bytes(), context, worker, share, job_hash).and_then(|hits| {
@@ -272,13 +270,11 @@ impl Collision {
             }
             self.missing += group.count_ones() - done.count_ones();
         }
-        for index in 0..count {
-            if done & (1 << index) == 0 {
-                let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-                let found = intersect(share, &hash, points, &tissue, &mut self.cull, &mut self.shares[index]).map_err(broken)?;
-                self.counts[index] = found.count;
-                self.dropped = self.dropped.saturating_add(found.dropped as u32);
-            }
+        for index in (0..count).filter(|index| done & (1 << index) == 0) {
+            let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
+            let found = intersect(share, &hash, points, &tissue, &mut self.cull, &mut self.shares[index]).map_err(broken)?;
+            self.counts[index] = found.count;
+            self.dropped = self.dropped.saturating_add(found.dropped as u32);
         }
         let mut parts: [&[Hit]; MAX_WORKERS] = [&[]; MAX_WORKERS];
         for (part, (share, count)) in parts.iter_mut().zip(self.shares.iter().zip(&self.counts)) {

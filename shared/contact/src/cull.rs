@@ -107,8 +107,8 @@ mod tests {
         assert_eq!(near([0.6; 3], [0.7; 3]), [true; 3], "inside of the first");
         assert_eq!(near([1.5; 3], [1.9; 3]), [true; 3], "it touches the first with a corner");
         assert_eq!(near([1.6; 3], [2.4; 3])[0], false, "between two");
-        assert_eq!(near([6.6, 6.6, 0.6], [7.4, 7.4, 1.4])[0], false, "beside all of them");
-        assert_eq!(near([-3.0, 4.0, 4.0], [-2.0, 5.0, 5.0])[0], false);
+        assert!(!near([6.6, 6.6, 0.6], [7.4, 7.4, 1.4])[0], "beside all of them");
+        assert!(!near([-3.0, 4.0, 4.0], [-2.0, 5.0, 5.0])[0]);
         assert_eq!(near([9.7; 3], [20.0; 3])[0], false, "beyond the last");
     }
 
