@@ -106,10 +106,10 @@ mod tests {
         assert_eq!(near([0.0; 3], [10.0; 3]), [true; 3]);
         assert_eq!(near([0.6; 3], [0.7; 3]), [true; 3], "inside of the first");
         assert_eq!(near([1.5; 3], [1.9; 3]), [true; 3], "it touches the first with a corner");
-        assert_eq!(near([1.6; 3], [2.4; 3])[0], false, "between two");
+        assert!(!near([1.6; 3], [2.4; 3])[0], "between two");
         assert!(!near([6.6, 6.6, 0.6], [7.4, 7.4, 1.4])[0], "beside all of them");
         assert!(!near([-3.0, 4.0, 4.0], [-2.0, 5.0, 5.0])[0]);
-        assert_eq!(near([9.7; 3], [20.0; 3])[0], false, "beyond the last");
+        assert!(!near([9.7; 3], [20.0; 3])[0], "beyond the last");
     }
 
     #[test]
