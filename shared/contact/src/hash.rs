@@ -85,23 +85,18 @@ pub(crate) fn hash_cell(cell: [i32; 3], slots: u32) -> usize {
     i64::from(h).rem_euclid(i64::from(slots)) as usize
 }
 
-impl Header {
-    /// The slot of a cell inside the occupied box.
-    #[inline(always)]
-    pub(crate) fn slot(&self, cell: [i32; 3]) -> usize {
-        if self.hashed != 0 {
-            return hash_cell(cell, self.slots);
-        }
-        let [i, j, k] = [0, 1, 2].map(|a| cell[a].wrapping_sub(self.origin[a]) as u32 as usize);
-        let row = k.wrapping_mul(self.dims[1] as usize).wrapping_add(j);
-        row.wrapping_mul(self.dims[0] as usize).wrapping_add(i)
-    }
-}
-
 /// Points of which the slots are found at once.
 const POINTS: usize = 16;
 
 impl Header {
+    /// The slot of a cell inside the occupied box, where slots belong to cells by position.
+    #[inline(always)]
+    pub(crate) fn slot(&self, cell: [i32; 3]) -> u32 {
+        let [i, j, k] = [0, 1, 2].map(|axis| cell[axis].wrapping_sub(self.origin[axis]) as u32);
+        let row = k.wrapping_mul(self.dims[1]).wrapping_add(j);
+        row.wrapping_mul(self.dims[0]).wrapping_add(i)
+    }
+
     /// The slots of some points; [`OUT`] for one that is not finite, and beyond the last.
     #[inline(always)]
     fn slots_of(&self, points_m: &[[f32; 3]; POINTS]) -> [u32; POINTS] {
@@ -122,9 +117,7 @@ impl Header {
         let mut slots = [OUT; POINTS];
         if self.hashed == 0 {
             for l in 0..POINTS {
-                let [i, j, k] = [0, 1, 2].map(|axis| cells[axis][l].wrapping_sub(self.origin[axis]) as u32);
-                let row = k.wrapping_mul(self.dims[1]).wrapping_add(j);
-                let slot = row.wrapping_mul(self.dims[0]).wrapping_add(i);
+                let slot = self.slot([cells[0][l], cells[1][l], cells[2][l]]);
                 slots[l] = if is_finite[l] != 0 { slot } else { OUT };
             }
         } else {

@@ -159,7 +159,7 @@ impl<'a> HashRef<'a> {
             let [row, layer] =
                 [self.header.dims[0], self.header.dims[0].wrapping_mul(self.header.dims[1])].map(|slots| slots as usize);
             let many = |axis: usize| (last[axis].wrapping_sub(first[axis]) as usize).wrapping_add(1);
-            let mut of_layer = self.header.slot(first);
+            let mut of_layer = self.header.slot(first) as usize;
             for _ in 0..many(2) {
                 let mut from = of_layer;
                 for _ in 0..many(1) {

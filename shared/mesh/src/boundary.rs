@@ -88,14 +88,7 @@ pub fn component_of_each_triangle(mesh: &TriangleMesh) -> Vec<u32> {
 fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut sets = Sets::new(nodes);
     for cell in cells {
-        let mut root = sets.root(cell[0]);
-        for node in &cell[1..] {
-            let other = sets.root(*node);
-            if other != root {
-                sets.parent[root.max(other) as usize] = root.min(other);
-                root = root.min(other);
-            }
-        }
+        cell.iter().skip(1).fold(cell[0], |root, &node| sets.join(root, node));
     }
     let mut number_of_root = vec![u32::MAX; nodes];
     let mut next = 0;
@@ -130,8 +123,10 @@ impl Sets {
         member
     }
 
-    pub fn join(&mut self, left: u32, right: u32) {
+    /// Makes one of the sets of two members; its root.
+    pub fn join(&mut self, left: u32, right: u32) -> u32 {
         let (left, right) = (self.root(left), self.root(right));
         self.parent[left.max(right) as usize] = left.min(right);
+        left.min(right)
     }
 }

@@ -13,9 +13,9 @@ const MOST_CELLS: usize = 16;
 pub struct Neighbourhood<'a> {
     pub rest: &'a TetMesh,
     pub tets: Vec<u32>,
-    pub cells: Cells,
+    cells: Cells,
     /// The part in which each is while those around a point are found.
-    pub part_of: Vec<Option<u32>>,
+    part_of: Vec<Option<u32>>,
     bounds: Vec<Bounds>,
     /// Planes of the four faces of each, inwards: normal and distance from the origin.
     planes: Vec<[(DVec3, f64); 4]>,
@@ -82,8 +82,7 @@ impl<'a> Neighbourhood<'a> {
         best.map(|(_, index)| index)
     }
 
-    /// The parts that some tets fall into when only ways through faces, and through tets near a point, count. Each of their tets is noted with the
-    /// number of its part.
+    /// The parts that some tets fall into when only ways through faces, and through tets near a point, count.
     pub fn parts_around(&mut self, point: DVec3, radius_m: f64, homes: impl Iterator<Item = u32>) -> Vec<Vec<u32>> {
         let mut parts: Vec<Vec<u32>> = Vec::new();
         for home in homes {
@@ -105,12 +104,13 @@ impl<'a> Neighbourhood<'a> {
             }
             parts.push(part);
         }
+        parts.iter().flatten().for_each(|index| self.part_of[*index as usize] = None);
         parts
     }
 }
 
 /// The tets of each cell of space, in their order.
-pub struct Cells {
+struct Cells {
     low_m: DVec3,
     per_m: f64,
     counts: [usize; 3],
@@ -157,7 +157,7 @@ impl Cells {
     }
 
     /// The tets whose boxes may have a point in them; all that have are among them.
-    pub fn at(&self, point: DVec3) -> impl Iterator<Item = u32> + '_ {
+    fn at(&self, point: DVec3) -> impl Iterator<Item = u32> + '_ {
         let ([i, j, k], [across, deep, _]) = (self.cell(point), self.counts);
         let cell = (k * deep + j) * across + i;
         self.tets[self.starts[cell] as usize..self.starts[cell + 1] as usize].iter().copied()

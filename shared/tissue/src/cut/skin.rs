@@ -164,13 +164,10 @@ impl Skin {
                 continue;
             }
             let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
-            for one in triangles().filter(|one| place.part_of[one.home as usize] == Some(number as u32)) {
+            for one in triangles().filter(|one| part.contains(&one.home)) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
             }
-        }
-        for index in parts.iter().flatten() {
-            place.part_of[*index as usize] = None;
         }
         out_of_room
     }
