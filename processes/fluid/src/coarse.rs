@@ -44,10 +44,10 @@ pub fn cells_on(scene: &LoadedScene, halvings: u32) -> [usize; 3] {
     halved(grid, halvings).unwrap_or(grid).map(|count| count as usize)
 }
 
-/// Says how many times it is to be; gives how many times it is, which another may have said before.
-pub fn agree(station: &Station, halvings: u32) -> Result<u32, Failure> {
+/// Says, as an incarnation, how many times it is to be; gives how many times it is, which another may have said before.
+pub fn agree(station: &Station, incarnation: u32, halvings: u32) -> Result<u32, Failure> {
     let failed = |error: std::io::Error| Failure::Broken(format!("{}: {error}", file(station).display()));
-    let own = file(station).with_extension(std::process::id().to_string());
+    let own = file(station).with_extension(incarnation.to_string());
     std::fs::write(&own, format!("{halvings}\n")).map_err(failed)?;
     let linked = std::fs::hard_link(&own, file(station));
     std::fs::remove_file(&own).map_err(failed)?;
@@ -79,11 +79,28 @@ mod tests {
         assert_eq!(agreed(&station), None);
         let scene = hyst_scene::load_or_embedded(None).unwrap();
         assert_eq!(cells_of(&station, &scene), scene.fluid.grid.map(|count| count as usize));
-        assert_eq!((agree(&station, 1).unwrap(), agree(&station, 2).unwrap()), (1, 1));
+        assert_eq!((agree(&station, 7, 1).unwrap(), agree(&station, 8, 2).unwrap()), (1, 1));
         assert_eq!(agreed(&station), Some(1));
         assert_eq!(cells_of(&station, &scene), halved(scene.fluid.grid, 1).unwrap().map(|count| count as usize), "a newcomer's");
         std::fs::write(file(&station), "99").unwrap();
         assert_eq!(agreed(&station), None, "nonsense is nobody's word");
+        station.wipe();
+    }
+
+    /// Incumbent and spare as threads of one process wrote one file, and the later of the two found none.
+    #[test]
+    fn two_of_one_process_agree() {
+        let station = Station::named(&format!("t{}-fluid-two", std::process::id())).unwrap();
+        for _ in 0..50 {
+            station.wipe();
+            station.found().unwrap();
+            let said = std::thread::scope(|scope| {
+                let station = &station;
+                let agree = move |incarnation: u32| agree(station, incarnation, incarnation).unwrap();
+                [1, 2].map(|incarnation| scope.spawn(move || agree(incarnation))).map(|thread| thread.join().unwrap())
+            });
+            assert!(said[0] == said[1] && agreed(&station) == Some(said[0]), "{said:?}");
+        }
         station.wipe();
     }
 }

@@ -49,7 +49,7 @@ impl<'a> FlowEngine<'a> {
             ));
             engine = FlowEngine::on_grid(life, scene, halvings)?;
         }
-        let halvings = agree(&life.station, engine.halvings)?;
+        let halvings = agree(&life.station, life.incarnation, engine.halvings)?;
         if halvings != engine.halvings {
             return FlowEngine::of_session(life, scene, halvings);
         }
