@@ -308,8 +308,13 @@ fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     let mut words = text.split(' ');
     let (kind, other) = words.next().zip(words.next()).ok_or_else(form)?;
     let options: toml::Table = toml::from_str(&words.collect::<Vec<_>>().join("\n")).map_err(|_| form())?;
-    if [other, target].into_iter().any(|name| Keepers::parse(name).is_some()) {
-        return Err("those who keep the station have no recovery that another fault could fall into; take state any".into());
+    if Keepers::parse(other).is_some() {
+        return Err(format!(
+            "with = {text:?}: those who keep the station have no recovery that another fault could fall into; take an engine's"
+        ));
+    }
+    if Keepers::parse(target) == Some(Keepers::Both) {
+        return Err(format!("{target}: one fault falls into the recovery of one other; take supervisor or guardian"));
     }
     if is_of_newcomer(other) {
         return Err(format!("with = {text:?}: take state swap for who a swap brings"));

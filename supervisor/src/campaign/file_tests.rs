@@ -157,7 +157,10 @@ fn a_fault_in_a_recovery_has_another_beside_it() {
     let own = parse("t", &format!("{text}with = \"segfault device\"\n")).unwrap();
     assert_eq!(own.cells[0].with.as_ref().map(|with| with.kind.name()), Some("segfault"));
     assert!(parse("t", &format!("{text}with = \"kill\"\n")).unwrap_err().contains("KIND TARGET"));
-    assert!(parse("t", &text.replace("\"fluid\"", "\"supervisor\"")).unwrap_err().contains("state any"));
+    let keeper = |name: &str| parse("t", &text.replace("\"fluid\"", &format!("\"{name}\"")));
+    assert_eq!(keeper("supervisor").unwrap().cells[1].with.as_ref().map(|with| with.target.as_str()), Some("tissue:active"));
+    assert!(keeper("supervisor+guardian").unwrap_err().contains("take supervisor or guardian"));
+    assert!(parse("t", &format!("{text}with = \"kill guardian\"\n")).unwrap_err().contains("take an engine's"));
 }
 
 #[test]

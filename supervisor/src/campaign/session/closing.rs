@@ -62,7 +62,7 @@ impl Session {
         let mut ours = self.lines_of(outcome, &injections, expected, close_ns, asked)?;
         if ours.len() >= expected {
             outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
-            outcome.with = ours.pop().filter(|_| cell.with.is_some());
+            outcome.with = ours.into_iter().next().filter(|_| cell.with.is_some());
         }
         if let (Some(fault), Some(viewer)) = (&mut outcome.fault, &self.viewer) {
             outcome.ending = Ending::Closed;
@@ -111,7 +111,7 @@ impl Session {
         outcome.collateral.extend(others);
         outcome.touching = touching;
         waited?;
-        ours.sort_by_key(|fault| (fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
+        sort(&mut ours, |fault| injections.last().is_some_and(|second| is_of(fault, second, asked)));
         Ok(ours)
     }
 
@@ -149,6 +149,12 @@ fn count_from(fault: &mut Fault, struck_ns: u64, tick: u64) {
     let since = |us: f64| (us - earlier_us).max(0.0);
     (fault.detected_us, fault.recovered_us) = (fault.detected_us.map(since), fault.recovered_us.map(since));
     (fault.injected_ns, fault.tick) = (struck_ns, tick);
+}
+
+/// In the order of their injection, those of the second last: a keeper's is dated by its last heartbeat, which may lie before the first. Of two that were hit
+/// at once the one that took longer comes later.
+fn sort(ours: &mut [Fault], is_of_second: impl Fn(&Fault) -> bool) {
+    ours.sort_by_key(|fault| (is_of_second(fault), fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
 }
 
 /// Whether a closed fault is the injected one.
@@ -194,6 +200,23 @@ mod tests {
         assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&lost, now_ns + late_ns)), [true, true], "it is done after all");
         assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&answered, now_ns + late_ns)), [true, false], "another one");
         assert!(!is_found(&lost, now_ns - 20_000_000), "one of before");
+    }
+
+    /// Of both of a role, killed beside a damaged checkpoint, one counted as the damage; and a keeper as what came before it, by its last heartbeat.
+    #[test]
+    fn the_second_fault_comes_last_whenever_it_is_dated() {
+        let fault = |target: &str, injected_ns: u64, recovered_us: f64| {
+            let recovered_us = Some(recovered_us);
+            Fault { kind: "kill".into(), target: target.into(), injected_ns, recovered_us, ..Fault::default() }
+        };
+        let order = |mut ours: Vec<Fault>, second: &str| {
+            sort(&mut ours, |fault| fault.target.starts_with(second));
+            ours.iter().map(|fault| (fault.target.clone(), fault.injected_ns)).collect::<Vec<_>>()
+        };
+        let keeper = order(vec![fault("supervisor", 90, 1.0), fault("tissue:0", 100, 5.0)], "supervisor");
+        assert_eq!(keeper, [("tissue:0".to_string(), 100), ("supervisor".to_string(), 90)]);
+        let both = order(vec![fault("fluid:1", 120, 9.0), fault("fluid:0", 120, 3.0), fault("tissue:0", 100, 5.0)], "fluid");
+        assert_eq!(both.iter().map(|(target, _)| &target[..]).collect::<Vec<_>>(), ["tissue:0", "fluid:0", "fluid:1"]);
     }
 
     #[test]
