@@ -8,6 +8,7 @@ use station_tests::page::{ANSWER_LIMIT, Answer, Page};
 use station_tests::shown::not_shown;
 use station_tests::windows::Pairs;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
+use std::cell::Cell;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -320,6 +321,27 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     station.recover();
     assert_eq!(page.get("/metrics").status, 200);
     before.assert_untouched(&station, "beside the console", &[console]);
+    station.stop().assert_clean();
+}
+
+/// Pump and alarms stood on the page for as long as the supervisor did, and the page called itself connected.
+#[test]
+fn the_pump_goes_on_on_the_page_while_the_supervisor_stands() {
+    let station = Station::start("unled", &["--hand", "script:press"]);
+    let page = Page::of(&station);
+    let (starts, supervisor) = (station.supervisor_starts(), station.keeper(Role::Supervisor).expect("a supervisor"));
+    station.signal(supervisor.pid, Signal::STOP);
+    // Two looks at the same answer of the supervisor, of which the later one has another pressure.
+    let before: Cell<Option<(u64, f64)>> = Cell::new(None);
+    let goes_on = |look: &Value| {
+        let now = look["tick"].as_u64().zip(look["pump"]["pressure_mmhg"].as_f64());
+        let before = before.replace(now);
+        now.zip(before).is_some_and(|((tick, mmhg), (at, was))| tick == at && mmhg != was)
+    };
+    let look = page.event("look", goes_on).unwrap_or_else(|| panic!("{}", station.said()));
+    assert!(look["silence"].is_null(), "it goes on only when the supervisor has gone: {look}");
+    station.wait_for_supervisor(starts);
+    station.recover();
     station.stop().assert_clean();
 }
 

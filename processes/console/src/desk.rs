@@ -22,6 +22,9 @@ const KEPT_LINES: usize = 100;
 const WAITING_NEWS: usize = 256;
 /// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
 pub const VERIFIERS: usize = 2;
+/// So long after one look the next is told at the latest, ns, whoever is silent: a little longer than from one answer of the supervisor to the next, so that
+/// looks go with those as long as they come.
+const MOST_QUIET_NS: u64 = 1_250_000_000;
 /// How long pictures are made after a browser has asked for one, ns: until it asks again.
 const PICTURES_FOR_NS: u64 = 2_000_000_000;
 
@@ -44,8 +47,12 @@ pub struct Desk {
 #[derive(Debug, Default)]
 struct Known {
     look: Look,
-    /// The supervisor has answered, or did not: before that a console that follows a dead one knows less than the browsers of that one.
-    has_asked: bool,
+    /// The supervisor has answered, or did not in time: before that a console that follows a dead one knows less than the browsers of that one.
+    may_tell: bool,
+    /// What does not wait has come: an answer of the supervisor, or other alarms than before.
+    is_news: bool,
+    /// When a look was told last, at first when the desk was made.
+    told_ns: u64,
     history: History,
     lines: VecDeque<Line>,
     /// The newest message about the case, if the station has one.
@@ -62,8 +69,9 @@ fn message<T: Serialize>(event: &str, id: Option<u64>, value: &T) -> Bytes {
 impl Desk {
     /// An empty desk.
     pub fn new(address: Address, test_mode: bool, station: Station) -> Desk {
-        let look = Look { silence: Some("the supervisor was not asked yet".into()), ..Look::default() };
-        let known = Mutex::new(Known { look, ..Known::default() });
+        let status = Status { test_mode, ..Status::default() };
+        let look = Look { status, silence: Some("the supervisor has not answered yet".into()), ..Look::default() };
+        let known = Mutex::new(Known { look, told_ns: system::now_ns(), ..Known::default() });
         let (news, pictures) = (broadcast::Sender::new(WAITING_NEWS), watch::Sender::new(None));
         let verifying = Arc::new(Semaphore::new(VERIFIERS));
         Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0), verifying }
@@ -92,20 +100,25 @@ impl Desk {
     /// What the supervisor said, or why it said nothing.
     pub fn note(&self, answer: Result<Status, String>) {
         let mut known = self.known();
-        known.has_asked = true;
+        (known.may_tell, known.is_news) = (true, true);
         match answer {
             Ok(status) => {
                 known.history.note(&status.processes);
                 (known.look.status, known.look.silence) = (status, None);
             }
-            Err(reason) => known.look.silence = Some(reason),
+            Err(reason) => {
+                known.history.note(&[]); // a line through that time would say what nobody knows
+                known.look.silence = Some(reason);
+            }
         }
-        let _ = self.news.send(message("look", None, &known.look)); // nobody looks
     }
 
     /// What the pump does.
     pub fn note_pump(&self, pump: Option<Pump>) {
-        self.known().look.pump = pump;
+        let mut known = self.known();
+        let has_turned = known.look.pump.as_ref().map(|pump| &pump.alarms) != pump.as_ref().map(|pump| &pump.alarms);
+        known.is_news |= has_turned;
+        known.look.pump = pump;
     }
 
     /// What the tissue says.
@@ -132,6 +145,17 @@ impl Desk {
     pub fn introduce(&self, trainee: Option<String>, replay: Option<String>) {
         let mut known = self.known();
         (known.look.trainee, known.look.replay) = (trainee, replay);
+    }
+
+    /// Tells those who look what is known, if something of it does not wait, or none was told for long. Nobody's answer is waited for.
+    pub fn tell_look(&self, now_ns: u64) {
+        let mut known = self.known();
+        let is_quiet = now_ns.saturating_sub(known.told_ns) >= MOST_QUIET_NS;
+        let is_due = is_quiet || (known.is_news && known.may_tell);
+        if is_due {
+            (known.may_tell, known.is_news, known.told_ns) = (true, false, now_ns);
+            let _ = self.news.send(message("look", None, &known.look)); // nobody looks
+        }
     }
 
     /// Case and judgement.
@@ -165,7 +189,7 @@ impl Desk {
         let after = if known.lines.back().is_some_and(|line| line.id < after) { 0 } else { after };
         let lines = known.lines.iter().filter(|line| line.id > after);
         let mut first = VecDeque::from([Bytes::from_static(b"retry: 500\n\n")]);
-        first.extend(known.has_asked.then(|| message("look", None, &known.look)));
+        first.extend(known.may_tell.then(|| message("look", None, &known.look)));
         first.extend(known.case.clone());
         first.extend(lines.map(|line| message("said", Some(line.id), &line.text)));
         (first, self.news.subscribe())
@@ -201,6 +225,7 @@ impl Desk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::look::Process;
 
     fn desk() -> Desk {
         Desk::new(Address { port: 1, token: String::new() }, false, Station::named("desk").unwrap())
@@ -262,6 +287,42 @@ mod tests {
         assert_eq!(looks(), 1);
     }
 
+    /// Pump and alarms stood on the page for as long as the supervisor took to answer, up to six seconds, and the page called itself connected.
+    #[test]
+    fn pump_and_alarms_are_told_whether_the_supervisor_answers_or_not() {
+        let desk = Desk::new(Address { port: 1, token: String::new() }, true, Station::named("desk").unwrap());
+        let (_, mut news) = desk.subscribe(0);
+        let mut told = |deficit_ml: f64, alarms: &[&str], now_ns: u64| {
+            let alarms = alarms.iter().map(|name| name.to_string()).collect();
+            desk.note_pump(Some(Pump { deficit_ml, alarms, ..Pump::default() }));
+            desk.tell_look(now_ns);
+            let look = news.try_recv().ok()?;
+            let look: serde_json::Value = serde_json::from_str(text(&look).strip_prefix("event: look\ndata: ")?).unwrap();
+            Some((look["pump"]["deficit_ml"].as_f64()?, look["pump"]["alarms"].as_array()?.len(), look["test_mode"] == true))
+        };
+        let first_ns = system::now_ns() + MOST_QUIET_NS;
+        assert_eq!(told(1.0, &["deficit"], 0), None, "it has not had the time to answer yet");
+        assert_eq!(told(2.0, &["deficit"], first_ns), Some((2.0, 1, true)), "what the console knows by itself");
+        assert_eq!(told(3.0, &["deficit"], first_ns + MOST_QUIET_NS - 1), None, "nothing that does not wait");
+        assert_eq!(told(4.0, &["deficit", "perforation"], first_ns + 1), Some((4.0, 2, true)), "an alarm is told at once");
+        assert_eq!(told(5.0, &["deficit"], first_ns + 2), Some((5.0, 1, true)), "and its end");
+        assert_eq!(told(6.0, &["deficit"], first_ns + 2 + MOST_QUIET_NS), Some((6.0, 1, true)), "figures go on");
+    }
+
+    /// A page that was loaded later drew a line through a time of which nobody knows anything.
+    #[test]
+    fn while_the_supervisor_is_silent_the_plots_have_a_gap() {
+        let desk = desk();
+        let process = |rate_hz| Process { name: "device".into(), rate_hz: Some(rate_hz), ..Process::default() };
+        let said = |rate_hz| Ok(Status { processes: vec![process(rate_hz)], ..Status::default() });
+        for answer in [said(999.0), Err("no supervisor answers".to_string()), said(1_000.0)] {
+            desk.note(answer);
+        }
+        let history = serde_json::to_value(desk.history()).unwrap();
+        let rates: Vec<Option<f64>> = history["device"].as_array().unwrap().iter().map(|point| point[0].as_f64()).collect();
+        assert_eq!(rates, [Some(999.0), None, Some(1_000.0)]);
+    }
+
     #[test]
     fn an_end_is_told_to_who_looks() {
         let desk = desk();
@@ -278,6 +339,7 @@ mod tests {
         desk.note_faults(vec![Outcome { kind: "kill".into(), ..Outcome::default() }]);
         let (_, mut news) = desk.subscribe(0);
         desk.note(Ok(Status::default()));
+        desk.tell_look(0);
         let told = text(&news.try_recv().unwrap());
         for said in [
             "\"trainee\":\"Ana Müller\"",

@@ -68,7 +68,10 @@ fn check(address: &Address, method: &Method, uri: &Uri, headers: &HeaderMap) -> 
     let is_own = |name: &str| names.iter().any(|own| own.eq_ignore_ascii_case(name));
     let is_here = only(headers, header::HOST).is_some_and(is_own) && uri.authority().is_none_or(|named| is_own(named.as_str()));
     if !is_here {
-        return Err((StatusCode::FORBIDDEN, "this page is at 127.0.0.1 alone; open it by the address that the station printed"));
+        return Err((
+            StatusCode::FORBIDDEN,
+            "this page is at its own port of 127.0.0.1 alone; open it by the address that the station printed",
+        ));
     }
     let origin = only(headers, header::ORIGIN).and_then(|origin| origin.strip_prefix("http://"));
     let is_from_here = if headers.contains_key(header::ORIGIN) { origin.is_some_and(is_own) } else { method.is_safe() };

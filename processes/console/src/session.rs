@@ -56,6 +56,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         desk.note_tissue(sources.cutting());
         desk.note_pictures(sources.drawn());
         desk.note_swaps(look::swaps(|role| life.clock.swap(role)));
+        desk.tell_look(begun_ns);
         if let Some(told) = referee.as_mut().and_then(|referee| referee.look(&sources)) {
             desk.note_case(&told);
         }

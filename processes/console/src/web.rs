@@ -297,6 +297,13 @@ mod tests {
         }
     }
 
+    /// A page that was loaded through a tunnel that had just died waited for the points of its plots, and then for nothing else.
+    #[test]
+    fn the_page_waits_for_no_answer_without_an_end() {
+        let asking: Vec<&str> = PAGE.lines().filter(|line| line.contains("fetch(")).collect();
+        assert!(asking.len() == 1 && asking[0].contains("fetch(path, { signal: AbortSignal.timeout(DEAD_MS), "), "{asking:?}");
+    }
+
     #[test]
     fn the_page_loads_nothing_from_elsewhere_and_runs_nothing_without_its_word() {
         assert!(PAGE.matches(NONCE).count() == 2 && PAGE.matches("<script").count() == 1 && PAGE.matches("<style").count() == 1);

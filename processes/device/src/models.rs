@@ -8,7 +8,7 @@ use hyst_exchange::{Horizon, OwnedPage, ReadPage, StationPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::tolerance::SHADOW_EPOCH;
-use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_ON_SCOPE_N, MAX_PLANES, Medium, Role};
+use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_PLANES, Medium, Role};
 
 #[cfg(test)]
 mod tests;
@@ -17,8 +17,6 @@ mod tests;
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
 /// Farthest point from the pivot that is believed, m.
 const MAX_DISTANCE_M: f32 = 1.0;
-/// Pressure beyond which the fluid's is not believed, Pa: the pump's range ends at 20 kPa.
-const MAX_PRESSURE_PA: f32 = 40_000.0;
 /// Most ticks by which a stamp may be ahead: two of the slowest steps (a fluid's), so that no stamp shuts out all that come after it.
 const MOST_AHEAD_TICKS: u64 = 512;
 /// Age up to which what the medium does to the scope is felt in full, ticks: two of a fluid's longest steps; and then it fades to nothing in as many. Of the
@@ -102,7 +100,7 @@ impl Models {
             self.newest = *model;
         }
         let (key, medium) = ((before.medium_epoch, before.medium_tick), before.medium());
-        if key > self.medium_key && is_medium(&medium) && !is_ahead(&self.horizons[1], key, life) {
+        if key > self.medium_key && medium.is_sound() && !is_ahead(&self.horizons[1], key, life) {
             (self.medium_key, self.medium) = (key, medium);
         }
     }
@@ -151,7 +149,7 @@ impl Models {
             } else if status.epoch < self.medium_key.0 {
                 life.page.add64(header::STALE, 1);
             } else if key > self.medium_key {
-                (self.medium_key, self.medium) = (key, medium_of(&status));
+                (self.medium_key, self.medium) = (key, status.medium());
             }
         }
         (aged(&self.medium, tick.saturating_sub(self.medium_key.1)), self.medium_key)
@@ -222,29 +220,15 @@ fn is_valid(model: &ContactModel) -> bool {
         })
 }
 
-/// What a status says of the medium.
-fn medium_of(status: &FluidStatus) -> Medium {
-    Medium { pressure_pa: status.pressure_pa, pieces: status.pieces, on_scope_n: status.on_scope_n }
-}
-
 /// The same after so many ticks.
 fn aged(medium: &Medium, age_ticks: u64) -> Medium {
     let faded = age_ticks.saturating_sub(FULL_AGE_TICKS).min(FULL_AGE_TICKS) as f32 / FULL_AGE_TICKS as f32;
     Medium { on_scope_n: medium.on_scope_n.map(|newton| newton * (1.0 - faded)), ..*medium }
 }
 
-/// Whether pressure, flow and force are in their ranges.
-fn is_medium(medium: &Medium) -> bool {
-    let mut speeds = medium.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-    (0.0..=MAX_PRESSURE_PA).contains(&medium.pressure_pa)
-        && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
-        && medium.on_scope_n.iter().all(|newton| newton.abs() <= MAX_ON_SCOPE_N)
-}
-
 /// Whether a status is in range and goes on from the one before it: a deficit that stands still while something flows is an old one.
 fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -> Result<(), Distrust> {
-    let in_range = is_medium(&medium_of(status)) && status.deficit_ml.is_finite();
-    if !in_range || status.state_tick > tick + MOST_AHEAD_TICKS {
+    if !status.is_sound() || status.state_tick > tick + MOST_AHEAD_TICKS {
         return Err(Distrust::Invalid);
     }
     let Some(before) = before else { return Ok(()) };

@@ -8,7 +8,7 @@
 
 use hyst_engine::{Failure, StepContext};
 use hyst_flow::MAX_STEP_S;
-use hyst_messages::{Controls, HardwareSample, Pose, StreamHeader, TICK_NS};
+use hyst_messages::{Controls, HardwareSample, MAX_FLUID_STEP_TICKS, Pose, StreamHeader, TICK_NS};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 
@@ -28,6 +28,8 @@ const GIVEN_UP: f64 = 2.0;
 /// The longest step that the solver takes, ticks. Of a longer gap the rest is left out: a step takes walls, scope and valves as they are at its end
 /// for all of its time, which is right for a fraction of a second.
 const LONGEST_STEP: u64 = (MAX_STEP_S * 1e3) as u64;
+/// By it others know whether a state is ahead of its time.
+const _: () = assert!(LONGEST_STEP == MAX_FLUID_STEP_TICKS);
 
 /// The steps to be tried, in ticks, of which the first is the scene's.
 fn steps(scene_ticks: u64) -> impl Iterator<Item = u64> {

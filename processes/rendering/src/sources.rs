@@ -10,14 +10,12 @@ use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
 use hyst_messages::{
-    FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader, TissueStatus, topology_is_sound,
+    FluidStatus, HardwareSample, InputRecord, Kind, MAX_FLUID_STEP_TICKS, Message, Role, StreamHeader, TissueStatus,
+    topology_is_sound,
 };
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
 pub const REPLICAS: usize = 3;
-
-/// Longest step of a role with a state, ticks: the fluid's.
-const SLOWEST_STEP_TICKS: u64 = 64;
 
 /// The ports.
 #[derive(Debug)]
@@ -147,9 +145,9 @@ impl Sources {
         newest_of(&self.fields, Kind::FluidState, self.ahead_of(1))
     }
 
-    /// What no state of tissue or fluid can be yet.
+    /// What no state of tissue or fluid can be yet: a tissue's steps are shorter than a fluid's.
     fn ahead_of(&self, index: usize) -> impl Fn((u32, u64)) -> bool + '_ {
-        move |key| self.horizons[index].is_passed_by(key, SLOWEST_STEP_TICKS, &self.clock)
+        move |key| self.horizons[index].is_passed_by(key, MAX_FLUID_STEP_TICKS, &self.clock)
     }
 
     /// The topology that states of this version belong to, from whichever tissue has sent it. One that cannot be stands in nobody's way: who sent it is named.
@@ -192,9 +190,58 @@ impl Sources {
         says.max_by_key(|status| status.state_tick)
     }
 
-    /// What the newest of the fluids says of the pump.
+    /// What the newest of the fluids says of the pump, as far as it can be.
     pub fn pump(&self) -> Option<FluidStatus> {
-        let says = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-        says.filter(|status| status.state_tick > 0).max_by_key(|status| (status.epoch, status.state_tick))
+        pump(&self.fluids, self.ahead_of(1))
+    }
+}
+
+/// What the newest of the fluids says of the pump; one of which a figure cannot be, or that is ahead of its time, says nothing.
+fn pump(fluids: &[Option<ReadPage>], is_ahead: impl Fn((u32, u64)) -> bool) -> Option<FluidStatus> {
+    let said = fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
+    FluidStatus::newest_of(said, is_ahead)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::{Roster, Station};
+    use hyst_messages::Slot;
+    use hyst_messages::page::station as layout;
+
+    /// The window showed a pressure of `NaN` mmHg, one of 39 digits, and in place of the good figures those of a fluid that was a hundred seconds ahead.
+    #[test]
+    fn a_pump_that_is_no_number_out_of_range_or_ahead_of_its_time_is_not_shown_and_hides_no_good_one() {
+        let station = Station::named(&format!("t{}-sources", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        station.open_for_keeping().unwrap().store64(layout::NEXT_INCARNATION, 9);
+        let lives = [(Slot::new(Role::Fluid, 0).unwrap(), 3), (Slot::new(Role::Fluid, 1).unwrap(), 4)];
+        let pages = lives.map(|(slot, life)| station.create_slot(slot, life).unwrap());
+        let fluids = lives.map(|(slot, life)| station.read_slot(slot, life).ok());
+        let roster = Roster::open(&station).unwrap();
+        let epoch = roster.promote(Role::Fluid, roster.holder(Role::Fluid), 3).unwrap().epoch;
+        let (horizon, clock) = (Horizon::open(&station, Role::Fluid).unwrap(), station.open().unwrap());
+        let newest = |fluids: &[Option<ReadPage>]| {
+            pump(fluids, |key| horizon.is_passed_by(key, MAX_FLUID_STEP_TICKS, &clock)).map(|status| status.state_tick)
+        };
+        let good = FluidStatus { epoch, state_tick: 33, pressure_pa: 9_000.0, deficit_ml: 3.0, ..FluidStatus::default() };
+        let next = FluidStatus { state_tick: 66, ..good };
+        pages[0].write(fluid::STATUS, &good);
+        assert_eq!(newest(&fluids), Some(33), "the other one has said nothing yet");
+        for lie in [
+            FluidStatus { pressure_pa: f32::NAN, ..next },
+            FluidStatus { deficit_ml: f64::NAN, ..next },
+            FluidStatus { pressure_pa: 1e9, ..next },
+            FluidStatus { deficit_ml: 1e9, ..next },
+            FluidStatus { epoch: epoch + 1_000, state_tick: 100_066, ..next },
+            FluidStatus { state_tick: 100_066, ..next },
+        ] {
+            pages[1].write(fluid::STATUS, &lie);
+            assert_eq!((newest(&fluids), newest(&fluids[1..])), (Some(33), None), "{lie:?}");
+        }
+        pages[1].write(fluid::STATUS, &next);
+        assert_eq!(newest(&fluids), Some(66));
+        station.wipe();
     }
 }

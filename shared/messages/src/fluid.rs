@@ -1,6 +1,6 @@
 //! What the fluid says of itself: pump, cavity, blood, vessels that are sealed, and the flow at what floats.
 
-use crate::record::{MAX_PIECES, PieceFlow};
+use crate::record::{MAX_FLOW_M_S, MAX_ON_SCOPE_N, MAX_PIECES, Medium, PieceFlow};
 use bytemuck::{Pod, Zeroable};
 
 /// Bits of [`FluidStatus::alarms`] and what they say: the pressure is above the set one, more medium is missing than may be, much of it goes where it
@@ -35,6 +35,15 @@ pub const SAMPLE_KEPT: u32 = 128;
 
 /// Most vessels that a state says to be coagulated, in whole or in part: one in each cube of 4 mm of 10 cm² of wounds.
 pub const MAX_SEALS: usize = 64;
+
+/// Longest step of a Flow Engine, ticks.
+pub const MAX_FLUID_STEP_TICKS: u64 = 250;
+
+/// Pressure beyond which no fluid's is believed, Pa: the pump's range ends at 20 kPa.
+const MAX_PRESSURE_PA: f32 = 40_000.0;
+/// Beyond this no volume is believed, ml, and no flow, ml/min: a cavity of a litre, the largest that a scene may have, that empties within 10 ms makes
+/// 6 000 000 ml/min (calculated).
+const MAX_ML: f64 = 1e7;
 
 /// A vessel that the loop coagulates, or has coagulated, in a section of the fluid's state. It is known by the cube of the tissue's shape at rest that it
 /// lies in; a place that is free is zero.
@@ -100,7 +109,36 @@ pub struct FluidStatus {
     pub transmittance: f32,
 }
 
+impl Medium {
+    /// Whether pressure, flow and force are in their ranges.
+    pub fn is_sound(&self) -> bool {
+        let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
+        (0.0..=MAX_PRESSURE_PA).contains(&self.pressure_pa)
+            && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+            && self.on_scope_n.iter().all(|newton| newton.abs() <= MAX_ON_SCOPE_N)
+    }
+}
+
 impl FluidStatus {
+    /// What it says of the medium.
+    pub fn medium(&self) -> Medium {
+        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
+    }
+
+    /// Whether every figure of medium and pump is a number in its range. Who uses or shows one that is not follows a fluid that lies.
+    pub fn is_sound(&self) -> bool {
+        let flows = [self.inflow_ml_min, self.outflow_ml_min].map(f64::from);
+        let figures = [self.deficit_ml, self.cavity_volume_ml, self.bled_ml].into_iter().chain(flows);
+        self.medium().is_sound() && figures.map(f64::abs).all(|figure| figure <= MAX_ML)
+    }
+
+    /// The newest of what several fluids say, by epoch and tick; what is not [sound](FluidStatus::is_sound), or is ahead of its time, counts for nothing.
+    pub fn newest_of(said: impl Iterator<Item = FluidStatus>, is_ahead: impl Fn((u32, u64)) -> bool) -> Option<FluidStatus> {
+        let key = |status: &FluidStatus| (status.epoch, status.state_tick);
+        let counting = said.filter(|status| status.state_tick > 0 && status.is_sound() && !is_ahead(key(status)));
+        counting.max_by_key(key)
+    }
+
     /// What it says of the light before the lens; `None` if it says nothing, or what cannot be.
     pub fn told_transmittance(&self) -> Option<f32> {
         Some(self.transmittance).filter(|share| *share > 0.0 && *share <= 1.0)
@@ -110,6 +148,46 @@ impl FluidStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn status(epoch: u32, state_tick: u64) -> FluidStatus {
+        FluidStatus { epoch, state_tick, pressure_pa: 9_000.0, deficit_ml: 3.0, inflow_ml_min: 90.0, ..FluidStatus::default() }
+    }
+
+    #[test]
+    fn a_status_with_a_figure_that_is_no_number_or_out_of_range_is_not_sound() {
+        let spoil: [fn(&mut FluidStatus, f64); 7] = [
+            |status, number| status.pressure_pa = number as f32,
+            |status, number| status.inflow_ml_min = number as f32,
+            |status, number| status.outflow_ml_min = number as f32,
+            |status, number| status.deficit_ml = number,
+            |status, number| status.cavity_volume_ml = number,
+            |status, number| status.bled_ml = number,
+            |status, number| status.on_scope_n[1] = number as f32,
+        ];
+        for (figure, spoil) in spoil.into_iter().enumerate() {
+            let with = |number: f64| {
+                let mut told = status(1, 33);
+                spoil(&mut told, number);
+                told.is_sound()
+            };
+            assert!(with(0.25), "figure {figure}");
+            for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e9] {
+                assert!(!with(number), "figure {figure}: {number}");
+            }
+        }
+        assert!(status(1, 33).is_sound() && FluidStatus { deficit_ml: -50.0, ..status(1, 33) }.is_sound());
+        assert!(!FluidStatus { pressure_pa: -1.0, ..status(1, 33) }.is_sound());
+    }
+
+    #[test]
+    fn of_several_statuses_the_newest_counts_that_can_be() {
+        let said =
+            [status(1, 99), status(2, 66), status(2, 33), status(9, 0), FluidStatus { deficit_ml: f64::NAN, ..status(2, 99) }];
+        let newest = |said: &[FluidStatus]| FluidStatus::newest_of(said.iter().copied(), |key| key > (2, 200));
+        assert_eq!(newest(&said), Some(status(2, 66)));
+        assert_eq!(newest(&[status(2, 66), status(2, 201), status(1_002, 66)]), Some(status(2, 66)));
+        assert_eq!((newest(&[status(3, 66)]), newest(&[])), (None, None));
+    }
 
     #[test]
     fn a_status_that_says_nothing_of_the_view_or_what_cannot_be_tells_of_none() {

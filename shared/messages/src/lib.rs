@@ -26,7 +26,7 @@ mod topology;
 
 pub use admission::Admission;
 pub use controls::{PA_PER_MMHG, Switch};
-pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
+pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_FLUID_STEP_TICKS, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
 pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use mean::{MEAN_TICKS, Shown, mean_after};
