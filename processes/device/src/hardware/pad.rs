@@ -3,9 +3,14 @@
 //! Promise: the tick never waits for it; one that is pulled out holds the scope where it is and takes the finger off the current; it goes on as soon
 //! as it is there again. Meanwhile it complains, for the operator.
 
+#[cfg_attr(not(feature = "pads"), allow(dead_code))] // nobody says an event there
 mod make;
+#[cfg(not(feature = "pads"))]
+#[path = "pad/absent.rs"]
+mod reader;
+#[cfg(feature = "pads")]
+mod reader;
 
-use evdev::Device;
 use hyst_coupling::Pose4;
 use hyst_engine::Failure;
 use hyst_messages::controls::WINDOW_COAGULATION;
@@ -76,7 +81,7 @@ impl Pad {
         let pad = Pad { lacks: make.lacks(), gone: make.gone(), ..Pad::default() };
         let said = Arc::clone(&pad.said);
         let path = path.map(PathBuf::from);
-        let find = move || find(make, path.as_ref());
+        let find = move || reader::find(make, path.as_ref());
         let first = find().map_err(Failure::Input)?;
         let pause = || {
             std::thread::sleep(LOOK);
@@ -136,35 +141,6 @@ trait Source {
     fn ranges(&self) -> Ranges;
     /// Waits for what it says next.
     fn next(&mut self) -> io::Result<Vec<Event>>;
-}
-
-impl Source for Device {
-    fn ranges(&self) -> Ranges {
-        let infos = self.get_absinfo().into_iter().flatten();
-        Ranges::new(infos.map(|(axis, info)| (axis.0, info.minimum(), info.maximum())))
-    }
-
-    fn next(&mut self) -> io::Result<Vec<Event>> {
-        let events = self.fetch_events()?;
-        Ok(events.map(|event| Event { kind: event.event_type().0, code: event.code(), value: event.value() }).collect())
-    }
-}
-
-fn find(make: Make, path: Option<&PathBuf>) -> Result<Device, String> {
-    match path {
-        Some(path) => {
-            let no = |what: &str| format!("--hand {}: {}: {what}", make.name(), path.display());
-            let device = Device::open(path).map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound | io::ErrorKind::PermissionDenied => no(&error.to_string()),
-                _ => no("no input device"),
-            })?;
-            if make.is(&device) { Ok(device) } else { Err(no("an input device of another kind")) }
-        }
-        None => evdev::enumerate().map(|(_, device)| device).find(|device| make.is(device)).ok_or_else(|| {
-            let name = make.name();
-            format!("--hand {name}: no {name} among /dev/input/event*, or no right to read it (`usermod -aG input $USER`)")
-        }),
-    }
 }
 
 /// Reads one after the other, as long as the pause between two looks says that it is to go on.

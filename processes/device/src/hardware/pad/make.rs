@@ -1,7 +1,6 @@
 //! The makes of pads, and what their axes and buttons mean. Codes are those of Linux (`input-event-codes.h`); a gamepad's places those of the kernel's
 //! gamepad specification (`Documentation/input/gamepad.rst`). A 3D mouse says x to the right, y towards the user, z down, and turns about them.
 
-use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
 use hyst_messages::controls::{
     WINDOW_COAGULATION, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_OUTFLOW, WINDOW_PRESSURE,
 };
@@ -14,7 +13,7 @@ const ABSOLUTE: u16 = 3;
 /// A 3D mouse's deflection at its stop, which its relative axes do not tell.
 const FULL_OF_MOUSE: f32 = 350.0;
 /// Axes that mean something: x, y, z, and the turns about them.
-const AXES: usize = 6;
+pub(super) const AXES: usize = 6;
 /// The axes of a gamepad's cross: sideways, and up and down.
 const CROSS: [u16; 2] = [0x10, 0x11];
 
@@ -81,19 +80,6 @@ impl Make {
                 let valves = WINDOW_INFLOW | WINDOW_OUTFLOW | WINDOW_PRESSURE;
                 WINDOW_HEAD | WINDOW_COAGULATION | WINDOW_LIGHT | WINDOW_FOCUS | valves
             }
-        }
-    }
-
-    /// Whether a device is one.
-    pub(super) fn is(self, device: &Device) -> bool {
-        let has_key = |key: KeyCode| device.supported_keys().is_some_and(|keys| keys.contains(key));
-        let turns = |axis: u16| {
-            device.supported_absolute_axes().is_some_and(|axes| axes.contains(AbsoluteAxisCode(axis)))
-                || device.supported_relative_axes().is_some_and(|axes| axes.contains(RelativeAxisCode(axis)))
-        };
-        match self {
-            Make::Gamepad => has_key(KeyCode::BTN_SOUTH) && turns(0) && turns(1),
-            Make::SpaceMouse => has_key(KeyCode::BTN_0) && (0..AXES as u16).all(turns) && !has_key(KeyCode::BTN_SOUTH),
         }
     }
 }
