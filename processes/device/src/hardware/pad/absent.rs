@@ -13,7 +13,7 @@ impl Source for Absent {
         match *self {}
     }
 
-    fn next(&mut self) -> io::Result<Vec<Event>> {
+    fn next(&mut self, _until_ns: Option<u64>) -> io::Result<Vec<Event>> {
         match *self {}
     }
 }
