@@ -480,7 +480,8 @@ static inline void hyst_refuse(hyst_driver *driver) {
 }
 
 /* The force that the motors are to make now, N, never longer than what was stated. A command counts if it is finite, no longer than that, newer than the
- * last and not from the future. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
+ * last, not from the future and of the last 8 ms: an older one stands in the page of an engine that has died or hangs, and the motors of a driver that was
+ * just started would jump to it. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
  * for each sample. */
 static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     hyst_command command;
@@ -491,10 +492,11 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     driver->silent_ticks += driver->silent_ticks < UINT32_MAX;
     if (driver->device.words64 != NULL && hyst_read_cell(driver->device.words64 + HYST_COMMAND, record, sizeof record / 8) != 0) {
         memcpy(&command, record, sizeof command);
-        int is_sound = hyst_length(command.force_n) <= most_n * 1.00001f && command.force_tick <= command.tick &&
-                       command.tick <= hyst_tick_at(driver, hyst_now_ns()) + 2; /* NaN is not */
+        uint64_t tick = hyst_tick_at(driver, hyst_now_ns());
+        int is_sound = hyst_length(command.force_n) <= most_n * 1.00001f && command.force_tick <= command.tick && command.tick <= tick + 2; /* NaN is not */
+        int is_over = tick > command.tick && tick - command.tick > 8; /* nobody is to blame */
         if (!is_sound) hyst_refuse(driver);
-        if (is_sound && command.tick > driver->command.tick) {
+        if (is_sound && !is_over && command.tick > driver->command.tick) {
             driver->command = command;
             memcpy(driver->command_n, command.force_n, sizeof driver->command_n);
             driver->silent_ticks = 0;
