@@ -82,7 +82,7 @@ static void motors(device *it, const float force_n[3]) {
     it->ticks++;
 }
 
-static hyst_sample encoders(const device *it, const float force_n[3]) {
+static hyst_sample encoders(const hyst_driver *driver, const device *it, const float force_n[3]) {
     hyst_sample sample = {
         .force_n = {force_n[0], force_n[1], force_n[2]},
         .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f, .focus_m = 0.020f},
@@ -90,7 +90,7 @@ static hyst_sample encoders(const device *it, const float force_n[3]) {
     float tip_m[3];
     to_world(it->position_m, tip_m);
     tip_m[2] += INSERTION_M;
-    sample.pose = hyst_pose_at(tip_m, 0.0f); /* it measures no turn about the scope's axis */
+    sample.pose = hyst_within(driver, hyst_pose_at(tip_m, 0.0f)); /* it measures no turn about the scope's axis, and has no stop where that has one */
     to_world(it->velocity_m_s, sample.velocity_m_s);
     return sample;
 }
@@ -133,7 +133,7 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
 static void turn(hyst_driver *driver, device *it) {
     float force_n[3];
     hyst_take(driver, force_n);
-    hyst_sample sample = encoders(it, force_n);
+    hyst_sample sample = encoders(driver, it, force_n);
     hyst_from_window(driver, &sample, HYST_WINDOW_CONTROLS); /* it has a tip, and nothing else */
     spoil(driver, &sample, force_n);
     motors(it, force_n);
