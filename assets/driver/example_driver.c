@@ -11,7 +11,7 @@
  * -DPLUG='"FILE"' makes one whose device is plugged in for as long as there is that file.
  * -DHELD='"FILE"' makes one whose hand goes in once and stays there; while there is that file it is there from the first tick on, as a hand is that holds on
  * while its driver is started again.
- * -DFLAW=1 to 16 makes one that does wrong, to see that it is found.
+ * -DFLAW=1 to 17 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
 #include "hystation_driver.h"
@@ -43,7 +43,7 @@
 #endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
-    STATES_NOTHING, FOCUSES_IN_MM, PUSHES_BACK, SWAPS_AXES, SPEAKS_MM_S
+    STATES_NOTHING, FOCUSES_IN_MM, PUSHES_BACK, SWAPS_AXES, SPEAKS_MM_S, FOLLOWS_OLD
 };
 
 static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity, where the device's own origin is */
@@ -82,7 +82,7 @@ static void motors(device *it, const float force_n[3]) {
     it->ticks++;
 }
 
-static hyst_sample encoders(const device *it, const float force_n[3]) {
+static hyst_sample encoders(const hyst_driver *driver, const device *it, const float force_n[3]) {
     hyst_sample sample = {
         .force_n = {force_n[0], force_n[1], force_n[2]},
         .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f, .focus_m = 0.020f},
@@ -90,7 +90,7 @@ static hyst_sample encoders(const device *it, const float force_n[3]) {
     float tip_m[3];
     to_world(it->position_m, tip_m);
     tip_m[2] += INSERTION_M;
-    sample.pose = hyst_pose_at(tip_m, 0.0f); /* it measures no turn about the scope's axis */
+    sample.pose = hyst_within(driver, hyst_pose_at(tip_m, 0.0f)); /* it measures no turn about the scope's axis, and has no stop where that has one */
     to_world(it->velocity_m_s, sample.velocity_m_s);
     return sample;
 }
@@ -101,6 +101,14 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
     static float kept_n[3];
     if (first_device == 0) first_device = driver->device_incarnation;
     int is_mute = FLAW == MAKES_NOTHING || (FLAW == KNOWS_ONE_DEVICE && driver->device_incarnation != first_device);
+    if (FLAW == FOLLOWS_OLD && driver->device_incarnation != first_device && driver->command.device_incarnation == first_device) {
+        hyst_command found; /* in the page of the next one, before that has said anything of its own */
+        uint64_t record[sizeof found / 8];
+        if (hyst_read_cell(driver->device.words64 + HYST_COMMAND, record, sizeof record / 8) != 0) {
+            memcpy(&found, record, sizeof found);
+            memcpy(force_n, found.force_n, sizeof found.force_n);
+        }
+    }
     for (int i = 0; i < 3; i++) {
         if (FLAW == NEVER_LETS_GO && driver->silent_ticks == 0) kept_n[i] = force_n[i];
         float made_n = FLAW == NEVER_LETS_GO ? kept_n[i] : force_n[i];
@@ -125,7 +133,7 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
 static void turn(hyst_driver *driver, device *it) {
     float force_n[3];
     hyst_take(driver, force_n);
-    hyst_sample sample = encoders(it, force_n);
+    hyst_sample sample = encoders(driver, it, force_n);
     hyst_from_window(driver, &sample, HYST_WINDOW_CONTROLS); /* it has a tip, and nothing else */
     spoil(driver, &sample, force_n);
     motors(it, force_n);

@@ -480,7 +480,8 @@ static inline void hyst_refuse(hyst_driver *driver) {
 }
 
 /* The force that the motors are to make now, N, never longer than what was stated. A command counts if it is finite, no longer than that, newer than the
- * last and not from the future. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
+ * last, not from the future and of the last 8 ms: an older one stands in the page of an engine that has died or hangs, and the motors of a driver that was
+ * just started would jump to it. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
  * for each sample. */
 static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     hyst_command command;
@@ -491,10 +492,11 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     driver->silent_ticks += driver->silent_ticks < UINT32_MAX;
     if (driver->device.words64 != NULL && hyst_read_cell(driver->device.words64 + HYST_COMMAND, record, sizeof record / 8) != 0) {
         memcpy(&command, record, sizeof command);
-        int is_sound = hyst_length(command.force_n) <= most_n * 1.00001f && command.force_tick <= command.tick &&
-                       command.tick <= hyst_tick_at(driver, hyst_now_ns()) + 2; /* NaN is not */
+        uint64_t tick = hyst_tick_at(driver, hyst_now_ns());
+        int is_sound = hyst_length(command.force_n) <= most_n * 1.00001f && command.force_tick <= command.tick && command.tick <= tick + 2; /* NaN is not */
+        int is_over = tick > command.tick && tick - command.tick > 8; /* nobody is to blame */
         if (!is_sound) hyst_refuse(driver);
-        if (is_sound && command.tick > driver->command.tick) {
+        if (is_sound && !is_over && command.tick > driver->command.tick) {
             driver->command = command;
             memcpy(driver->command_n, command.force_n, sizeof driver->command_n);
             driver->silent_ticks = 0;
@@ -627,11 +629,39 @@ static inline hyst_pose hyst_pose_of(float pitch_rad, float yaw_rad, float roll_
 }
 
 /* The pose of a scope of which a device measures where the tip is, m about the pivot, and how it is turned about its axis: it goes through the pivot, and so
- * pitch, yaw and insertion follow. Nearer to the pivot than 0.1 mm the tip has no direction, and the scope lies straight. */
+ * pitch, yaw and insertion follow. Nearer to the pivot than 0.1 mm the tip has no direction, and the scope lies straight. So it does with its tip in the
+ * pivot when the device's is beside or behind that: the hand has drawn it out. */
 static inline hyst_pose hyst_pose_at(const float position_m[3], float roll_rad) {
     double x = position_m[0], y = position_m[1], z = position_m[2], aside = sqrt(x * x + z * z), away = sqrt(aside * aside + y * y);
+    if (z <= 0.0) return hyst_pose_of(0.0f, 0.0f, roll_rad, 0.0f);
     int is_away = away > 1e-4;
     return hyst_pose_of(is_away ? (float)atan2(-y, aside) : 0.0f, is_away ? (float)atan2(x, z) : 0.0f, roll_rad, (float)away);
+}
+
+static inline int hyst_is_in(float value, const float range[2]) { return value >= range[0] && value <= range[1]; }
+
+/* A value, or the nearer end of a range; a NaN stays one, for the station to refuse. */
+static inline double hyst_clamp(double value, double least, double most) { return value < least ? least : value > most ? most : value; }
+
+/* How far aside of the axis an angle leads in 1 m along it; a quarter turn, and what is beyond, does not come back to it. */
+static inline double hyst_slope(float angle_rad) { return tan(hyst_clamp(angle_rad, -1.57, 1.57)); }
+
+/* A pose within what was stated, of one of hyst_pose_at or hyst_pose_of that may be beyond: a device goes on where the scope has its stop, and the station
+ * refuses what is far out. One that is within stays as it is. Else the tip is as deep as it was, but no farther aside than the angles lead there, and not
+ * behind the pivot; then roll and insertion end where they may. So it goes along with the hand, and makes no jump that the hand has not made. */
+static inline hyst_pose hyst_within(const hyst_driver *driver, hyst_pose pose) {
+    const float *pitch = driver->stated.pitch_rad, *yaw = driver->stated.yaw_rad, *roll = driver->stated.roll_rad, *deep = driver->stated.insertion_m;
+    if (hyst_is_in(pose.pitch_rad, pitch) && hyst_is_in(pose.yaw_rad, yaw) && hyst_is_in(pose.roll_rad, roll) && hyst_is_in(pose.insertion_m, deep))
+        return pose;
+    double z = pose.position_m[2] < 0.0f ? 0.0 : pose.position_m[2];
+    double x = hyst_clamp(pose.position_m[0], z * hyst_slope(yaw[0]), z * hyst_slope(yaw[1])), aside = sqrt(x * x + z * z);
+    double y = hyst_clamp(pose.position_m[1], -aside * hyst_slope(pitch[1]), -aside * hyst_slope(pitch[0])); /* positive pitch leads to -y */
+    const float tip_m[3] = {(float)x, (float)y, (float)z};
+    hyst_pose near = hyst_pose_at(tip_m, (float)hyst_clamp(pose.roll_rad, roll[0], roll[1]));
+    near = hyst_pose_of((float)hyst_clamp(near.pitch_rad, pitch[0], pitch[1]), (float)hyst_clamp(near.yaw_rad, yaw[0], yaw[1]), near.roll_rad,
+                        (float)hyst_clamp(near.insertion_m, deep[0], deep[1]));
+    near.camera_roll_rad = pose.camera_roll_rad;
+    return near;
 }
 
 /* The station stops. */

@@ -18,6 +18,8 @@ use std::process::Command;
 
 #[path = "driver/cores.rs"]
 mod cores;
+#[path = "driver/over.rs"]
+mod over;
 #[path = "driver/plug.rs"]
 mod plug;
 #[path = "driver/pose.rs"]
@@ -200,6 +202,7 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (14, "moves the way it is pushed: pushed along "),
         (15, "moves the way it is pushed: pushed along "),
         (16, "says how fast it goes: along "),
+        (17, "follows the next device engine: of a command that was 100 ms old"),
     ];
     // With a library that has a servo loop of its own the driver's loop runs in a thread beside `main`; and a device may be faster than the servos.
     let source = Path::new(FOLDER).join("example_driver.c");

@@ -2,6 +2,7 @@
 
 use super::window::Empty;
 use super::{FOLDER, compile, example};
+use hyst_messages::{DeviceLimits, DeviceStatement, HardwareSample};
 use hyst_recording::Recording;
 use hyst_scene::Pose;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, hystation, run, wait_for};
@@ -24,13 +25,17 @@ int main(int argc, char **argv) {
 }
 "#;
 
-/// A driver that says which poses it makes of the tips at some points, with a roll.
+/// A driver that says which poses it makes of the tips at some points, with a roll: of each as it is, and within what it states.
 const MAKES: &str = r#"#define _GNU_SOURCE
 #include "hystation_driver.h"
 int main(void) {
     static const float points_m[][3] = {POINTS};
-    for (size_t i = 0; i < sizeof points_m / sizeof *points_m; i++) {
-        hyst_pose it = hyst_pose_at(points_m[i], ROLL);
+    static hyst_driver driver = {.stated = {
+        .pitch_rad = {-STOP, STOP}, .yaw_rad = {-STOP, STOP}, .roll_rad = {-3.0f, 3.0f}, .insertion_m = {0.0f, DEEPEST},
+    }};
+    for (size_t i = 0; i < 2 * (sizeof points_m / sizeof *points_m); i++) {
+        hyst_pose it = hyst_pose_at(points_m[i / 2], ROLL);
+        if (i % 2 == 1) it = hyst_within(&driver, it);
         printf("%.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g %.9g\n", it.position_m[0], it.position_m[1], it.position_m[2], it.pitch_rad, it.yaw_rad,
                it.roll_rad, it.insertion_m, it.orientation[0], it.orientation[1], it.orientation[2], it.orientation[3]);
     }
@@ -38,8 +43,11 @@ int main(void) {
 }
 "#;
 const ROLL_RAD: f32 = 0.3;
-/// Straight ahead, to each side, far off the axis, deep, and at the pivot.
-const POINTS_M: [[f32; 3]; 8] = [
+/// What it states: how far it tilts to each side, rad, and how deep it goes, m.
+const STOP_RAD: f32 = 0.6;
+const DEEPEST_M: f32 = 0.1;
+/// Straight ahead, to each side, far off the axis, deep, at the pivot, behind it, and beside it.
+const POINTS_M: [[f32; 3]; 11] = [
     [0.0, 0.0, 0.045],
     [0.01, 0.0, 0.045],
     [-0.01, 0.0, 0.045],
@@ -48,6 +56,9 @@ const POINTS_M: [[f32; 3]; 8] = [
     [0.03, -0.02, 0.01],
     [0.05, 0.02, 0.4],
     [0.0, 0.0, 0.0],
+    [0.0, 0.0, -0.02],
+    [0.005, 0.002, -0.01],
+    [0.02, 0.0, 0.0],
 ];
 
 /// How far two points may be apart by rounding, m.
@@ -59,27 +70,100 @@ fn is_near(found_m: [f32; 3], wanted_m: [f32; 3]) -> bool {
     found_m.iter().zip(wanted_m).all(|(found, wanted)| (found - wanted).abs() < ROUNDING_M)
 }
 
+/// What a driver in C makes of the tips at some points: of each the pose as it is, and within what it states.
+fn made(folder: &Folder, points_m: &[[f32; 3]]) -> Vec<[hyst_messages::Pose; 2]> {
+    let row = |point_m: &[f32; 3]| format!("{{{}}}", point_m.map(|c| format!("{c:?}f")).join(", "));
+    let rows: Vec<String> = points_m.iter().map(row).collect();
+    let mut source = MAKES.replace("{POINTS}", &format!("{{{}}}", rows.join(", ")));
+    for (word, value) in [("ROLL", ROLL_RAD), ("STOP", STOP_RAD), ("DEEPEST", DEEPEST_M)] {
+        source = source.replace(word, &format!("{value:?}f"));
+    }
+    let program = compile(folder, "makes", Path::new(&folder.write("makes.c", &source)), &[]);
+    let (code, out, said) = run(&mut Command::new(program));
+    let pose = |line: &str| {
+        let word: Vec<f32> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
+        let [x, y, z, pitch_rad, yaw_rad, roll_rad, insertion_m, qx, qy, qz, qw] = word[..] else { panic!("{line}") };
+        let (position_m, orientation) = ([x, y, z], [qx, qy, qz, qw]);
+        hyst_messages::Pose { position_m, pitch_rad, orientation, yaw_rad, roll_rad, insertion_m, camera_roll_rad: 0.0 }
+    };
+    let poses: Vec<hyst_messages::Pose> = out.lines().map(pose).collect();
+    assert_eq!((code, poses.len()), (Some(0), 2 * points_m.len()), "{out}{said}");
+    poses.chunks(2).map(|two| [two[0], two[1]]).collect()
+}
+
 #[test]
 fn the_header_makes_of_where_a_tip_is_the_pose_of_a_scope_through_the_pivot() {
     let folder = Folder::new("driver-pose");
-    let row = |point_m: [f32; 3]| format!("{{{}}}", point_m.map(|c| format!("{c:?}f")).join(", "));
-    let source =
-        MAKES.replace("{POINTS}", &format!("{{{}}}", POINTS_M.map(row).join(", "))).replace("ROLL", &format!("{ROLL_RAD:?}f"));
-    let program = compile(&folder, "makes", Path::new(&folder.write("makes.c", &source)), &[]);
-    let (code, out, said) = run(&mut Command::new(program));
-    assert_eq!((code, out.lines().count()), (Some(0), POINTS_M.len()), "{out}{said}");
-    for (point_m, line) in POINTS_M.into_iter().zip(out.lines()) {
-        let found: Vec<f32> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
-        // At the pivot itself a tip has no direction.
-        let aimed = Pose::aim([0.0; 3], point_m).unwrap_or_default();
-        let wanted = Pose { roll_rad: ROLL_RAD, ..aimed };
-        let [x, y, z] = wanted.tip_m([0.0; 3]);
-        let [qx, qy, qz, qw] = wanted.orientation();
-        let all = [x, y, z, wanted.pitch_rad, wanted.yaw_rad, ROLL_RAD, wanted.insertion_m, qx, qy, qz, qw];
-        let is_it = found.len() == all.len() && found.iter().zip(all).all(|(found, wanted)| (found - wanted).abs() < ROUNDING);
-        assert!(is_it, "{point_m:?}: {found:?} is not {all:?}");
-        assert!(is_near([found[0], found[1], found[2]], point_m), "{point_m:?}: {found:?}");
+    for (point_m, [found, _]) in POINTS_M.into_iter().zip(made(&folder, &POINTS_M)) {
+        // Beside and behind the pivot the scope is drawn out; at the pivot itself a tip has no direction.
+        let tip_m = if point_m[2] > 0.0 { point_m } else { [0.0; 3] };
+        let wanted = Pose { roll_rad: ROLL_RAD, ..Pose::aim([0.0; 3], tip_m).unwrap_or_default() };
+        let all = |position_m: [f32; 3], angles: [f32; 4], orientation: [f32; 4]| {
+            [&position_m[..], &angles[..], &orientation[..]].concat()
+        };
+        let wanted_angles = [wanted.pitch_rad, wanted.yaw_rad, ROLL_RAD, wanted.insertion_m];
+        let wanted = all(wanted.tip_m([0.0; 3]), wanted_angles, wanted.orientation());
+        let found_angles = [found.pitch_rad, found.yaw_rad, found.roll_rad, found.insertion_m];
+        let numbers = all(found.position_m, found_angles, found.orientation);
+        let is_it = numbers.iter().zip(&wanted).all(|(found, wanted)| (found - wanted).abs() < ROUNDING);
+        assert!(is_it, "{point_m:?}: {numbers:?} is not {wanted:?}");
+        assert!(is_near(found.position_m, tip_m), "{point_m:?}: {found:?}");
     }
+}
+
+/// Real devices have no stop there: each sample was refused, and the picture stood.
+#[test]
+fn a_tip_that_goes_beyond_what_a_driver_states_is_kept_within_and_does_not_jump() {
+    const STEPS: usize = 200;
+    // Half a millimetre or less from one point to the next: drawn out behind the pivot on the axis, beside it and far beside it; aside; too deep; past
+    // the pivot, behind it.
+    let ways_m: [[[f32; 3]; 2]; 6] = [
+        [[0.0, 0.0, 0.05], [0.0, 0.0, -0.05]],
+        [[0.005, 0.002, 0.05], [0.005, 0.002, -0.05]],
+        [[0.03, -0.03, 0.05], [0.03, -0.03, -0.05]],
+        [[-0.04, 0.0, 0.045], [0.06, 0.0, 0.045]],
+        [[0.01, 0.0, 0.05], [0.01, 0.0, 0.15]],
+        [[0.04, 0.03, -0.01], [-0.05, 0.0, -0.01]],
+    ];
+    let along = |[from_m, to_m]: [[f32; 3]; 2]| {
+        (0..=STEPS).map(move |step| -> [f32; 3] {
+            let share = step as f32 / STEPS as f32;
+            std::array::from_fn(|axis| from_m[axis] + share * (to_m[axis] - from_m[axis]))
+        })
+    };
+    let points_m: Vec<[f32; 3]> = ways_m.into_iter().flat_map(along).collect();
+    let folder = Folder::new("driver-within");
+    let angle = [-STOP_RAD, STOP_RAD];
+    let stated = DeviceStatement {
+        limits: DeviceLimits { max_force_n: 1.0, ..DeviceLimits::default() },
+        pitch_rad: angle,
+        yaw_rad: angle,
+        roll_rad: [-3.0, 3.0],
+        insertion_m: [0.0, DEEPEST_M],
+        ..DeviceStatement::default()
+    };
+    let mut beyond = 0;
+    for way in made(&folder, &points_m).chunks(STEPS + 1) {
+        for [at, within] in way {
+            let is_in = |value: f32, [least, most]: [f32; 2]| (least..=most).contains(&value);
+            let tilts_within = |pose: &hyst_messages::Pose| is_in(pose.pitch_rad, angle) && is_in(pose.yaw_rad, angle);
+            let is_within = |pose: &hyst_messages::Pose| tilts_within(pose) && is_in(pose.insertion_m, stated.insertion_m);
+            assert!(is_within(within), "{within:?}");
+            assert_eq!(stated.admits(&HardwareSample { pose: *within, ..HardwareSample::default() }), Ok(()), "{within:?}");
+            assert!(!is_within(at) || at == within, "{at:?} became {within:?}");
+            beyond += usize::from(!is_within(at));
+        }
+        for two in way.windows(2) {
+            let [before_m, after_m] = [two[0][1], two[1][1]].map(|pose| pose.position_m);
+            let moved_m = before_m.iter().zip(after_m).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+            assert!(moved_m < 1e-3, "{before_m:?} to {after_m:?}");
+        }
+    }
+    assert!(beyond > 100, "{beyond} points are beyond");
+    // At its stop it is as deep as the hand, and behind the pivot it is drawn out.
+    let [[_, aside], [_, behind]] = made(&folder, &[[0.06, 0.0, 0.045], [0.03, -0.03, -0.02]])[..] else { panic!("two points") };
+    assert!(is_near(aside.position_m, [0.045 * STOP_RAD.tan(), 0.0, 0.045]), "{aside:?}");
+    assert!(is_near(behind.position_m, [0.0; 3]) && behind.roll_rad == ROLL_RAD, "{behind:?}");
 }
 
 #[test]

@@ -1,8 +1,8 @@
-//! What the firmware takes from the device: commands that are finite, within what the motors can make, newer than the last one, and not the same
-//! again and again while the tip moves against them, nor other ones than the servos are told of. Any other is as good as none: the last force is kept, and
-//! the watchdog ramps it to zero.
+//! What the firmware takes from the device: commands that are finite, within what the motors can make, newer than the last one, not long past, and not
+//! the same again and again while the tip moves against them, nor other ones than the servos are told of. Any other is as good as none: the last force is
+//! kept, and the watchdog ramps it to zero.
 
-use hyst_coupling::{ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, valid_force, watch_step};
+use hyst_coupling::{ForceLimits, HardwareParams, WatchInput, WatchParams, WatchState, WatchVerdict, valid_force, watch_step};
 use hyst_engine::Life;
 use hyst_exchange::ReadPage;
 use hyst_messages::page::device;
@@ -45,15 +45,19 @@ impl Commands {
             return None;
         }
         let told_n = page.ring(device::INPUTS, command.tick).map(|input| input.applied_n);
+        let present_tick = life.clock.present_tick();
         let verdict = self
-            .judge(&command, life.clock.present_tick(), tip_m, max_force_n)
+            .judge(&command, present_tick, tip_m, max_force_n)
             .and_then(|()| if self.is_double_tongued(&command, told_n) { Err(Distrust::Frozen) } else { Ok(()) });
-        let Err(why) = verdict else {
-            (self.newest, self.from_past) = (command, false);
-            return Some(command);
-        };
-        life.refuse(incarnation, why);
-        None
+        if let Err(why) = verdict {
+            life.refuse(incarnation, why);
+            return None;
+        }
+        if is_over(&command, present_tick) {
+            return None; // nobody is to blame
+        }
+        (self.newest, self.from_past) = (command, false);
+        Some(command)
     }
 
     /// The command that had come by a station tick that has passed, if one had: the device goes on while the simulated hardware is not let run, and
@@ -120,6 +124,12 @@ fn is_sound(command: &ForceCommand, last_tick: u64, max_force_n: f32) -> bool {
         && valid_force(command.tick, command.tick, command.force_n, &limits).is_ok()
 }
 
+/// Whether a command is so old that whoever followed it then would be letting go of it: it is as good as none. The page of a device that has died or hangs
+/// has its last one all the while, and motors that were just switched on would jump to it.
+fn is_over(command: &ForceCommand, present_tick: u64) -> bool {
+    present_tick > command.tick.saturating_add(u64::from(HardwareParams::default().watchdog_ticks))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,6 +162,16 @@ mod tests {
         let of_later = ForceCommand { force_tick: 7, ..command(6, 1.1) };
         assert_eq!(judged(&mut commands, of_later, 0.0), Err(Distrust::Invalid));
         assert_eq!(judged(&mut commands, command(6, 1.1), 0.0), Ok(()), "nobody was shut out");
+    }
+
+    /// Hardware that began anew while its device was dead followed the last word of that, however old it was.
+    #[test]
+    fn a_command_is_over_when_the_watchdog_would_have_tripped_since() {
+        let watchdog_ticks = u64::from(HardwareParams::default().watchdog_ticks);
+        let is_over = |present_tick: u64| is_over(&command(5, 1.0), present_tick);
+        assert!(!is_over(4) && !is_over(5) && !is_over(5 + watchdog_ticks));
+        assert!(is_over(5 + watchdog_ticks + 1) && is_over(u64::MAX));
+        assert!(!super::is_over(&command(u64::MAX, 1.0), 10));
     }
 
     #[test]

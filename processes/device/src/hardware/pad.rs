@@ -1,13 +1,19 @@
 //! A gamepad or a 3D mouse as the hand that holds the simulated device: a thread reads it, and each tick takes what it says now.
 //!
-//! Promise: the tick never waits for it; one that is pulled out holds the scope where it is and takes the finger off the current; it goes on as soon
-//! as it is there again. Meanwhile it complains, for the operator.
+//! Promise: the tick never waits for it; one that is let go of leaves the scope where it is; so does one that is pulled out, which also takes the finger off
+//! the current; it goes on as soon as it is there again. Meanwhile it complains, for the operator.
 
+#[cfg_attr(not(feature = "pads"), allow(dead_code))] // nobody says an event there
 mod make;
+#[cfg(not(feature = "pads"))]
+#[path = "pad/absent.rs"]
+mod reader;
+#[cfg(feature = "pads")]
+mod reader;
 
-use evdev::Device;
 use hyst_coupling::Pose4;
 use hyst_engine::Failure;
+use hyst_exchange::system;
 use hyst_messages::controls::WINDOW_COAGULATION;
 use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
 use make::{Deflections, Event, Ranges};
@@ -76,13 +82,13 @@ impl Pad {
         let pad = Pad { lacks: make.lacks(), gone: make.gone(), ..Pad::default() };
         let said = Arc::clone(&pad.said);
         let path = path.map(PathBuf::from);
-        let find = move || find(make, path.as_ref());
+        let find = move || reader::find(make, path.as_ref());
         let first = find().map_err(Failure::Input)?;
         let pause = || {
             std::thread::sleep(LOOK);
             true
         };
-        let read = move || follow(make, &said, first, || find().ok(), pause);
+        let read = move || follow(make, &said, first, || find().ok(), pause, system::now_ns);
         let thread = std::thread::Builder::new().name("pad".into()).spawn(read);
         thread.map(|_| pad).map_err(|error| Failure::Broken(format!("cannot start a thread: {error}")))
     }
@@ -134,41 +140,19 @@ fn eased(deflection: f32) -> f32 {
 trait Source {
     /// The ranges of its axes.
     fn ranges(&self) -> Ranges;
-    /// Waits for what it says next.
-    fn next(&mut self) -> io::Result<Vec<Event>>;
+    /// Waits for what it says next, until a time, ns, if there is one: nothing has come by then.
+    fn next(&mut self, until_ns: Option<u64>) -> io::Result<Vec<Event>>;
 }
 
-impl Source for Device {
-    fn ranges(&self) -> Ranges {
-        let infos = self.get_absinfo().into_iter().flatten();
-        Ranges::new(infos.map(|(axis, info)| (axis.0, info.minimum(), info.maximum())))
-    }
-
-    fn next(&mut self) -> io::Result<Vec<Event>> {
-        let events = self.fetch_events()?;
-        Ok(events.map(|event| Event { kind: event.event_type().0, code: event.code(), value: event.value() }).collect())
-    }
-}
-
-fn find(make: Make, path: Option<&PathBuf>) -> Result<Device, String> {
-    match path {
-        Some(path) => {
-            let no = |what: &str| format!("--hand {}: {}: {what}", make.name(), path.display());
-            let device = Device::open(path).map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound | io::ErrorKind::PermissionDenied => no(&error.to_string()),
-                _ => no("no input device"),
-            })?;
-            if make.is(&device) { Ok(device) } else { Err(no("an input device of another kind")) }
-        }
-        None => evdev::enumerate().map(|(_, device)| device).find(|device| make.is(device)).ok_or_else(|| {
-            let name = make.name();
-            format!("--hand {name}: no {name} among /dev/input/event*, or no right to read it (`usermod -aG input $USER`)")
-        }),
-    }
-}
-
-/// Reads one after the other, as long as the pause between two looks says that it is to go on.
-fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -> Option<S>, mut pause: impl FnMut() -> bool) {
+/// Reads one after the other, as long as the pause between two looks says that it is to go on; by this clock, ns.
+fn follow<S: Source>(
+    make: Make,
+    said: &Said,
+    first: S,
+    mut find: impl FnMut() -> Option<S>,
+    mut pause: impl FnMut() -> bool,
+    mut clock_ns: impl FnMut() -> u64,
+) {
     let mut source = Some(first);
     loop {
         let Some(mut present) = source.take().or_else(&mut find) else {
@@ -181,13 +165,18 @@ fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -
         let ranges = present.ranges();
         let mut now = Deflections::default();
         let why = loop {
-            match present.next() {
-                Ok(events) => events.iter().for_each(|event| {
-                    let pressed = now.take(make, &ranges, event);
-                    said.take(&now, pressed);
-                }),
+            let events = match present.next(now.rests_at_ns()) {
+                Ok(events) => events,
                 Err(error) => break error,
+            };
+            // What has come counts before silence does: this thread may have been late itself.
+            let read_ns = clock_ns();
+            for event in &events {
+                let pressed = now.take(make, &ranges, event, read_ns);
+                said.take(&now, pressed);
             }
+            now.rest(read_ns);
+            said.take(&now, None);
         };
         said.take(&Deflections::default(), None);
         said.is_gone.store(1, Ordering::Relaxed);
@@ -267,11 +256,12 @@ mod tests {
         (f32::from_bits(said.along[1].load(Ordering::Relaxed)), current, is_gone)
     }
 
-    /// One that says what it is given, and is pulled out then; it notes what is said before each word of its own.
+    /// One that says what it is given, and is pulled out then; it notes what is said before each word of its own, and until when it was to be waited for, ns.
     struct Fake<'a> {
         words: VecDeque<Vec<Event>>,
         said: &'a Said,
         seen: &'a RefCell<Vec<Look>>,
+        waits: &'a RefCell<Vec<Option<u64>>>,
     }
 
     impl Source for Fake<'_> {
@@ -279,8 +269,9 @@ mod tests {
             Ranges::new([(0, 0, 255)].into_iter())
         }
 
-        fn next(&mut self) -> io::Result<Vec<Event>> {
+        fn next(&mut self, until_ns: Option<u64>) -> io::Result<Vec<Event>> {
             self.seen.borrow_mut().push(look(self.said));
+            self.waits.borrow_mut().push(until_ns);
             self.words.pop_front().ok_or_else(|| io::Error::from_raw_os_error(19))
         }
     }
@@ -289,8 +280,9 @@ mod tests {
     fn one_that_is_pulled_out_lets_go_of_everything_and_goes_on_when_it_is_there_again() {
         let current = Event { kind: 1, code: 0x130, value: 1 };
         let left = Event { kind: 3, code: 0, value: 0 };
-        let (said, seen) = (Said::default(), RefCell::default());
-        let fake = |words: &[Event]| Fake { words: words.iter().map(|word| vec![*word]).collect(), said: &said, seen: &seen };
+        let (said, seen, waits) = (Said::default(), RefCell::default(), RefCell::default());
+        let words_of = |words: &[Event]| -> VecDeque<Vec<Event>> { words.iter().map(|word| vec![*word]).collect() };
+        let fake = |words: &[Event]| Fake { words: words_of(words), said: &said, seen: &seen, waits: &waits };
         let (mut later, mut looks) = (vec![None, Some(fake(&[left])), None], 0);
         let pause = || {
             seen.borrow_mut().push(look(&said));
@@ -298,9 +290,26 @@ mod tests {
             looks < 2
         };
         let find = || later.pop().flatten();
-        follow(Make::Gamepad, &said, fake(&[current, left]), find, pause);
+        follow(Make::Gamepad, &said, fake(&[current, left]), find, pause, || 0);
         let (free, gone) = ((0.0, 0, 0), (0.0, 0, 1));
         assert_eq!(*seen.borrow(), [free, (0.0, 1, 0), (1.0, 1, 0), gone, free, (1.0, 0, 0), gone]);
+        assert_eq!(*waits.borrow(), [None; 5], "it is waited for as long as it takes");
+    }
+
+    /// The scope went on, for the kernel says nothing of it; and whoever waits for its next word waits for ever.
+    #[test]
+    fn a_knob_that_is_let_go_of_is_at_rest_once_it_has_been_silent_and_not_before() {
+        const MS: u64 = 1_000_000;
+        let aside = Event { kind: 2, code: 4, value: 350 };
+        let (said, seen, waits) = (Said::default(), RefCell::default(), RefCell::default());
+        // It says so twice; then nothing has come, and nothing again. This thread reads at these times.
+        let words = [vec![aside], vec![aside], vec![], vec![]].into();
+        let mut times_ns = [0, 16, 65, 66].map(|ms| ms * MS).into_iter();
+        let knob = Fake { words, said: &said, seen: &seen, waits: &waits };
+        follow(Make::SpaceMouse, &said, knob, || None, || false, || times_ns.next().unwrap_or(u64::MAX));
+        let (rests, goes) = ((0.0, 0, 0), (1.0, 0, 0));
+        assert_eq!(*seen.borrow(), [rests, goes, goes, goes, rests]);
+        assert_eq!(*waits.borrow(), [None, Some(50 * MS), Some(66 * MS), Some(66 * MS), None]);
     }
 
     /// It stood in the log of the hardware alone, which no trainee reads: the scope stood still, and nobody said why.

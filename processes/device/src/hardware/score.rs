@@ -1,10 +1,10 @@
 //! A recording as the hand's score: read on an ordinary thread, ahead of the ticks that need it, so that no read of a disk meets the 1 kHz.
 
 use hyst_engine::Failure;
-use hyst_messages::{HardwareSample, StepRecord};
+use hyst_messages::{BUTTONS_CURRENT, HardwareSample, StepRecord};
 use hyst_recording::{Moment, Playback};
 use std::path::Path;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 /// Ticks that are read ahead: the disk may stall this long.
 const AHEAD: usize = 4_096;
@@ -48,11 +48,22 @@ impl Score {
         Ok(Score { moments, first_tick, next_tick: first_tick, waits: false, sample })
     }
 
-    /// The hand in the tick after the one before; where the device made none, and after the end, as it was. A reader that is late holds it up, but no tick.
+    /// The hand in the tick after the one before. Where the device made none, and after the end, it stands still where it was, and at the end it lets go of the
+    /// current: a recording that was cut may end in a stroke. A reader that is late holds it up, but no tick.
     pub fn next_sample(&mut self) -> HardwareSample {
-        let next = if self.waits { self.moments.recv().ok() } else { self.moments.try_recv().ok() };
-        if let Some((moment, _)) = next {
-            self.take(&moment);
+        let next = if self.waits { self.moments.recv().map_err(TryRecvError::from) } else { self.moments.try_recv() };
+        let moves = match &next {
+            Ok((moment, _)) => {
+                self.take(moment);
+                moment.applied.is_some()
+            }
+            Err(_) => false,
+        };
+        if !moves {
+            self.sample.velocity_m_s = [0.0; 3]; // the servos would damp a movement that is none
+        }
+        if matches!(next, Err(TryRecvError::Disconnected)) {
+            self.sample.controls.buttons &= !BUTTONS_CURRENT;
         }
         self.sample
     }
@@ -77,5 +88,42 @@ impl Score {
     fn take(&mut self, moment: &Moment) {
         self.next_tick += 1;
         self.sample = moment.applied.map_or(self.sample, |applied| applied.sample);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, BUTTON_EXTENDED};
+
+    /// A tick in which the hand moves, and cuts.
+    fn cutting(tick: u64) -> Moment {
+        let mut sample = HardwareSample { hardware_tick: tick, velocity_m_s: [0.0, 0.0, 0.02], ..HardwareSample::default() };
+        sample.controls.buttons = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+        Moment { applied: Some(AppliedRecord { tick, sample, ..AppliedRecord::default() }), ..Moment::default() }
+    }
+
+    /// It went on to say its last velocity beside a place that stood still, and to cut, for as long as the new station ran.
+    #[test]
+    fn a_hand_whose_recording_ends_in_a_stroke_stands_still_without_current() {
+        for waits in [false, true] {
+            let (to, moments) = sync_channel(AHEAD);
+            let mut score = Score { moments, first_tick: 1, next_tick: 1, waits, sample: HardwareSample::default() };
+            let mut next = || {
+                let sample = score.next_sample();
+                (sample.hardware_tick, sample.velocity_m_s[2], sample.controls.buttons)
+            };
+            let cuts = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+            to.send((cutting(1), Vec::new())).unwrap();
+            to.send((Moment::default(), Vec::new())).unwrap();
+            to.send((cutting(3), Vec::new())).unwrap();
+            // The device made no second tick.
+            assert_eq!([next(), next(), next()], [(1, 0.02, cuts), (1, 0.0, cuts), (3, 0.02, cuts)]);
+            if !waits {
+                assert_eq!(next(), (3, 0.0, cuts), "the reader is late");
+            }
+            drop(to);
+            assert_eq!([next(), next()], [(3, 0.0, BUTTON_EXTENDED); 2]);
+        }
     }
 }

@@ -24,6 +24,9 @@ const BAD_TICKS: u64 = 3;
 /// A silent station: in so many ticks the force must be gone (8 held, 20 of the ramp, and as much again for motors and clocks); nothing is asked of the
 /// first ones, in which it is still held.
 const SILENT_TICKS: u64 = 60;
+/// How old a command is that nobody may follow any more: newer than the last that was followed, for the station has been silent for longer.
+const OLD_TICKS: u64 = 100;
+const _: () = assert!(OLD_TICKS < SILENT_TICKS + 2 * REST_TICKS);
 /// How far a motor may be from what it is told: a share of it, and N.
 const SHARE_OFF: f32 = 0.1;
 const OFF_N: f32 = 0.02;
@@ -76,10 +79,7 @@ fn on_a_bench(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<(Vec<Check>,
     checks.push(check("follows no wrong command", wrong_commands(&mut bench, &stated, most_n)));
     checks.push(check("lets go when nobody commands", silence(&mut bench, most_n)));
     if gone_on(&checks) {
-        bench.replace_device()?;
-        let begun = bench.tick();
-        let pushed = push(&mut bench, begun, most_n);
-        checks.push(check("follows the next device engine", pushed));
+        checks.push(check("follows the next device engine", next_device(&mut bench, most_n)?));
     }
     checks.push(check("says how fast it goes", motion::speeds(&bench.seen)));
     let late_ns = bench.late_ns;
@@ -300,4 +300,21 @@ fn silence(bench: &mut Bench, most_n: f32) -> Result<String, String> {
             Ok(format!("no force {gone} ms after the last command"))
         }
     }
+}
+
+/// Another engine in the place of the device, in whose page stands a command of long ago, which no motor may follow; then such as it follows.
+fn next_device(bench: &mut Bench, most_n: f32) -> Result<Result<String, String>, Refusal> {
+    let replaced = bench.tick();
+    bench.replace_device(fresh(replaced.saturating_sub(OLD_TICKS), [0.0, most_n, 0.0]))?;
+    bench.drive(SILENT_TICKS, |_| None);
+    let begun = bench.tick();
+    let pushed = push(bench, begun, most_n);
+    let entries = bench.ledger(replaced..replaced + SILENT_TICKS);
+    let follows = entries.iter().find(|entry| !is_within(length(entry.force_n), OFF_N));
+    Ok(match follows {
+        Some(entry) if pushed.is_ok() => {
+            Err(format!("of a command that was {OLD_TICKS} ms old when it came it made {:.3} N", length(entry.force_n)))
+        }
+        _ => pushed,
+    })
 }

@@ -1,7 +1,6 @@
 //! The makes of pads, and what their axes and buttons mean. Codes are those of Linux (`input-event-codes.h`); a gamepad's places those of the kernel's
 //! gamepad specification (`Documentation/input/gamepad.rst`). A 3D mouse says x to the right, y towards the user, z down, and turns about them.
 
-use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
 use hyst_messages::controls::{
     WINDOW_COAGULATION, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_OUTFLOW, WINDOW_PRESSURE,
 };
@@ -13,8 +12,14 @@ const RELATIVE: u16 = 2;
 const ABSOLUTE: u16 = 3;
 /// A 3D mouse's deflection at its stop, which its relative axes do not tell.
 const FULL_OF_MOUSE: f32 = 350.0;
+/// For how long a relative axis of a 3D mouse keeps what it said last, ns. The kernel passes on no relative value of 0 (`input_get_disposition` in
+/// `drivers/input/input.c`), and so not that the knob was let go of; each other one it passes on, the same again too, as often as the knob says it. One that
+/// is off its middle says all of its axes once in 16 ms, held still or not: a SpaceNavigator and a SpaceMouse Wireless, as recorded on their bus
+/// (`SpaceNavigator.md` and `SpaceMouseWireless.md` of github.com/AndunHH/spacemouse). So three reports have stayed out; relabsd, which makes joysticks of
+/// such knobs, waits 45 ms.
+const SILENT_NS: u64 = 50_000_000;
 /// Axes that mean something: x, y, z, and the turns about them.
-const AXES: usize = 6;
+pub(super) const AXES: usize = 6;
 /// The axes of a gamepad's cross: sideways, and up and down.
 const CROSS: [u16; 2] = [0x10, 0x11];
 
@@ -83,19 +88,6 @@ impl Make {
             }
         }
     }
-
-    /// Whether a device is one.
-    pub(super) fn is(self, device: &Device) -> bool {
-        let has_key = |key: KeyCode| device.supported_keys().is_some_and(|keys| keys.contains(key));
-        let turns = |axis: u16| {
-            device.supported_absolute_axes().is_some_and(|axes| axes.contains(AbsoluteAxisCode(axis)))
-                || device.supported_relative_axes().is_some_and(|axes| axes.contains(RelativeAxisCode(axis)))
-        };
-        match self {
-            Make::Gamepad => has_key(KeyCode::BTN_SOUTH) && turns(0) && turns(1),
-            Make::SpaceMouse => has_key(KeyCode::BTN_0) && (0..AXES as u16).all(turns) && !has_key(KeyCode::BTN_SOUTH),
-        }
-    }
 }
 
 /// One event, as the kernel gives it.
@@ -137,6 +129,8 @@ impl Ranges {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Deflections {
     axes: [f32; AXES],
+    /// When a relative axis said last what it has, ns; of one that rests, and of an absolute one, nothing.
+    said_ns: [Option<u64>; AXES],
     is_mouse: bool,
     is_energized: bool,
     is_coagulating: bool,
@@ -144,8 +138,8 @@ pub struct Deflections {
 }
 
 impl Deflections {
-    /// Takes an event; gives which of [`SWITCHES`] it has pressed.
-    pub(super) fn take(&mut self, make: Make, ranges: &Ranges, event: &Event) -> Option<usize> {
+    /// Takes an event that was read at a time, ns; gives which of [`SWITCHES`] it has pressed.
+    pub(super) fn take(&mut self, make: Make, ranges: &Ranges, event: &Event, now_ns: u64) -> Option<usize> {
         self.is_mouse = make == Make::SpaceMouse;
         let pressed = |wanted: Switch| SWITCHES.iter().position(|(code, switch)| (*code, *switch) == (event.code, wanted));
         match (event.kind, event.code) {
@@ -162,7 +156,10 @@ impl Deflections {
             }
             (ABSOLUTE, code) => self.set(usize::from(code), ranges.share(usize::from(code), event.value)),
             (RELATIVE, code) if self.is_mouse => {
-                self.set(usize::from(code), (event.value as f32 / FULL_OF_MOUSE).clamp(-1.0, 1.0))
+                self.set(usize::from(code), (event.value as f32 / FULL_OF_MOUSE).clamp(-1.0, 1.0));
+                if let Some(said_ns) = self.said_ns.get_mut(usize::from(code)) {
+                    *said_ns = Some(now_ns);
+                }
             }
             _ => {}
         }
@@ -173,6 +170,20 @@ impl Deflections {
         if let Some(value) = self.axes.get_mut(axis) {
             *value = share;
         }
+    }
+
+    /// Lets each relative axis rest that has said nothing for [`SILENT_NS`]; each by itself, for a twist may end while the push goes on.
+    pub(super) fn rest(&mut self, now_ns: u64) {
+        for (axis, said_ns) in self.axes.iter_mut().zip(&mut self.said_ns) {
+            if said_ns.is_some_and(|said_ns| now_ns >= said_ns.saturating_add(SILENT_NS)) {
+                (*axis, *said_ns) = (0.0, None);
+            }
+        }
+    }
+
+    /// When the next of them rests if nothing comes, ns; nothing while all do.
+    pub(super) fn rests_at_ns(&self) -> Option<u64> {
+        self.said_ns.iter().flatten().min().map(|said_ns| said_ns.saturating_add(SILENT_NS))
     }
 
     /// The currents that are wanted, as bits of [`Controls::buttons`](hyst_messages::Controls::buttons).
@@ -207,8 +218,9 @@ mod tests {
         let ranges =
             Ranges::new([(0, -32_768, 32_767), (1, 0, 255), (3, -32_768, 32_767), (4, -32_768, 32_767), (5, 7, 7)].into_iter());
         let mut now = Deflections::default();
-        let take =
-            |(kind, code, value): &(u16, u16, i32)| now.take(make, &ranges, &Event { kind: *kind, code: *code, value: *value });
+        let take = |(kind, code, value): &(u16, u16, i32)| {
+            now.take(make, &ranges, &Event { kind: *kind, code: *code, value: *value }, 0)
+        };
         let pressed = events.iter().filter_map(take).map(|index| SWITCHES[index].1).collect();
         (now, pressed)
     }
@@ -235,6 +247,28 @@ mod tests {
         assert_eq!(along(RELATIVE, 5, 9_999)[2], 1.0, "twisted to the right");
         assert_eq!(along(ABSOLUTE, 3, -32_768)[0], 1.0, "the models that tell their range");
         assert_eq!(after(Make::Gamepad, &[(RELATIVE, 1, -350)]).0.along(), [0.0; 4]);
+    }
+
+    /// The kernel does not say that a knob was let go of: the scope went on.
+    #[test]
+    fn an_axis_of_a_3d_mouse_that_falls_silent_rests_and_one_that_is_held_still_or_tells_its_range_goes_on() {
+        let ranges = Ranges::new([(3, -350, 350)].into_iter());
+        let mut now = Deflections::default();
+        let mut at = |ms: u64, events: &[(u16, u16, i32)]| {
+            for (kind, code, value) in events {
+                now.take(Make::SpaceMouse, &ranges, &Event { kind: *kind, code: *code, value: *value }, ms * 1_000_000);
+            }
+            now.rest(ms * 1_000_000);
+            now.along()
+        };
+        let (push, twist, tilt) = ((RELATIVE, 1, -350), (RELATIVE, 5, 175), (ABSOLUTE, 3, -350));
+        assert_eq!(at(0, &[push, twist]), [0.0, 0.0, 0.5, 1.0]);
+        let twists = [16, 32, 48, 64].map(|ms| at(ms, &[push])[2]);
+        assert_eq!(twists, [0.5, 0.5, 0.5, 0.0], "the twist has ended");
+        assert_eq!([80, 96, 112, 128].map(|ms| at(ms, &[push])), [[0.0, 0.0, 0.0, 1.0]; 4], "the push is held still");
+        assert_eq!([177, 178].map(|ms| at(ms, &[])[3]), [1.0, 0.0], "and has ended");
+        assert_eq!((at(200, &[tilt])[0], at(9_999, &[])[0]), (1.0, 1.0), "of an absolute axis the kernel says the end");
+        assert_eq!(now.rests_at_ns(), None, "and it is waited for as long as it takes");
     }
 
     #[test]

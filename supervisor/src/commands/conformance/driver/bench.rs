@@ -162,10 +162,11 @@ impl<'a> Bench<'a> {
         system::demote(0);
     }
 
-    /// A new life takes the device's place, as after its death.
-    pub fn replace_device(&mut self) -> Result<(), Refusal> {
+    /// A new life takes the device's place, as after its death; in its page stands a command already.
+    pub fn replace_device(&mut self, command: ForceCommand) -> Result<(), Refusal> {
         let slot = Slot::first(Role::Device);
         let made = self.station.create_slot(slot, SECOND_DEVICE).map_err(|e| Refusal::failed(e.to_string()))?;
+        made.write(device::COMMAND, &ForceCommand { device_incarnation: SECOND_DEVICE, ..command });
         self.keeping.store32(station::SLOT_DEAD + slot.number(), 1);
         (self.device, self.device_incarnation) = (made, SECOND_DEVICE);
         self.announce(slot, SECOND_DEVICE);
