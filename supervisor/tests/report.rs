@@ -94,6 +94,19 @@ fn a_recording_gives_text_page_json_and_csv_and_the_same_bytes_again() {
     assert_eq!((json["station"]["ticks"].as_u64(), json["length_s"].as_f64()), (Some(3_001), Some(3.001)));
 }
 
+/// `--html` alone was refused, for it wanted a value.
+#[test]
+fn a_page_for_which_no_file_is_named_lies_beside_the_recording_and_never_in_its_place() {
+    let folder = Folder::new("beside");
+    let session = folder.record("session.mcap", 400);
+    let output = report(&[&session, Path::new("--html")]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    assert!(folder.read("session.html").starts_with("<!doctype html>"));
+    let named = folder.record("named.html", 200);
+    refused(&[&named, Path::new("--html")], "is a recording");
+    refused(&[Path::new("--html"), &session], "<FILE>"); // so named it would be the page
+}
+
 #[test]
 fn json_goes_to_stdout_and_an_earlier_session_is_a_column() {
     let folder = Folder::new("compare");

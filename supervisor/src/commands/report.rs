@@ -45,9 +45,15 @@ fn name(path: &Path) -> String {
     path.display().to_string()
 }
 
-fn outputs(args: &ReportArgs) -> impl Iterator<Item = (&'static str, &Path)> {
-    let files = [("--html", &args.html), ("--json", &args.json), ("--csv", &args.csv)];
-    files.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?))).filter(|(_, path)| !is_stdout(path))
+/// Where the page goes, if one is asked for: beside the recording, by its name, where no file is named.
+fn page(args: &ReportArgs) -> Option<PathBuf> {
+    let file = args.html.as_ref()?;
+    Some(file.clone().unwrap_or_else(|| args.file.with_extension("html")))
+}
+
+fn outputs(args: &ReportArgs) -> impl Iterator<Item = (&'static str, PathBuf)> {
+    let files = [("--html", page(args)), ("--json", args.json.clone()), ("--csv", args.csv.clone())];
+    files.into_iter().filter_map(|(option, path)| Some((option, path?))).filter(|(_, path)| !is_stdout(path))
 }
 
 fn is_stdout(path: &Path) -> bool {
@@ -62,7 +68,7 @@ fn check(args: &ReportArgs) -> Result<(), Refusal> {
             args.compare.len()
         )));
     }
-    if args.html.as_deref().is_some_and(is_stdout) || args.csv.as_deref().is_some_and(is_stdout) {
+    if page(args).as_deref().is_some_and(is_stdout) || args.csv.as_deref().is_some_and(is_stdout) {
         return Err(Refusal::input("--html -, --csv -: only --json goes to stdout; give a file"));
     }
     let mut taken: Vec<PathBuf> = std::iter::once(&args.file).chain(&args.compare).map(|path| whole(path)).collect();
@@ -75,7 +81,7 @@ fn check(args: &ReportArgs) -> Result<(), Refusal> {
         if path.is_dir() {
             return Err(refuse("is a folder; give a file"));
         }
-        let path = whole(path);
+        let path = whole(&path);
         if taken.contains(&path) {
             return Err(refuse("is a recording, or is written by another option; give another file"));
         }
@@ -121,8 +127,8 @@ fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<A
 
 /// Writes what was asked for.
 fn give(args: &ReportArgs, sessions: &Sessions) -> Result<(), Refusal> {
-    if let Some(path) = &args.html {
-        write(path, &html(sessions))?;
+    if let Some(path) = page(args) {
+        write(&path, &html(sessions))?;
     }
     let for_programs = || serde_json::to_string_pretty(&json(sessions)).map(|text| text + "\n");
     let for_programs = || for_programs().map_err(|error| Refusal::failed(error.to_string()));
