@@ -153,6 +153,30 @@ fn no_pressure_that_a_goal_asks_for_is_the_one_that_the_pump_begins_with() {
     assert!(asked >= 2, "{asked} goals ask for a pressure");
 }
 
+/// The operator's page called “at most” what a notice on the way there names: 50 ml of `fluid-overload`, whose task says 100.
+#[test]
+fn the_deficit_that_is_allowed_is_the_least_that_rules_stops_and_ends_name_and_no_notice_lowers_it() {
+    let allowed = [
+        ("access", 2_500.0),
+        ("distension", 1_000.0),
+        ("fluid-overload", 100.0),
+        ("myoma", 1_000.0),
+        ("perforation", 1_500.0),
+        ("polyp", 2_500.0),
+        ("septum", 2_500.0),
+    ];
+    for (name, ml) in allowed {
+        assert_eq!(settled(name, None).brief.deficit_allowed_ml(), Some(ml), "{name}");
+    }
+    let mut brief = settled("fluid-overload", None).brief;
+    brief.goals.clear();
+    assert_eq!(brief.deficit_allowed_ml(), Some(400.0), "its end");
+    brief.end.deficit_ml = None;
+    assert_eq!(brief.deficit_allowed_ml(), Some(1_000.0), "the pump's of glycine, which stands first");
+    brief.warnings.clear();
+    assert_eq!(brief.deficit_allowed_ml(), None);
+}
+
 /// Forceps leave the polyp on its wall: who has brought the piece out has removed all that is to be removed, not a sixth of it.
 #[test]
 fn of_a_scene_with_jaws_what_lies_free_is_to_be_removed_and_of_any_other_all_pathology() {

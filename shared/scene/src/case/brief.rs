@@ -70,6 +70,17 @@ pub struct Brief {
     pub score: BTreeMap<String, Score>,
 }
 
+impl Brief {
+    /// The deficit that is allowed, ml: of what the rules warn of, what calls for a stop, and what ends the session, the least. What else is warned of on the
+    /// way there, or only told, limits nothing.
+    pub fn deficit_allowed_ml(&self) -> Option<f64> {
+        let above = |cause: &Cause| if let Cause::DeficitAbove(ml) = cause { Some(*ml) } else { None };
+        let of_rules = self.warnings.iter().find_map(|warning| above(&warning.is)); // theirs come first
+        let stops = self.goals.iter().filter_map(|goal| if let Aim::Stop { after, .. } = &goal.is { above(after) } else { None });
+        stops.chain(of_rules).chain(self.end.deficit_ml).reduce(f64::min)
+    }
+}
+
 /// Something with its words.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Named<T> {
