@@ -7,7 +7,7 @@ use crate::electrode::Electrode;
 use crate::force::{Force, TOUCH_N, length};
 use crate::in_view::InView;
 use crate::judge::Judge;
-use crate::medium::Medium;
+use crate::medium::{HOLD_TICKS, Medium};
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
 use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
@@ -157,8 +157,8 @@ impl Measured {
                 self.fluid(status);
             }
             if is_new {
-                let since_ticks = self.tick(record);
-                rows.tick(record, (since_ticks, self.is_of_session(record.tick)), self.latest).iter().for_each(&mut *give);
+                let when = (self.tick(record), self.is_of_session(record.tick));
+                rows.tick(record, when, self.statuses(record.tick)).iter().for_each(&mut *give);
             }
         }
         tissue.for_each(|status| self.tissue(status));
@@ -167,6 +167,12 @@ impl Measured {
         let room = MOST_PICTURES.saturating_sub(self.pictures.len());
         self.pictures.extend(block.pictures.into_iter().take(room));
         block.events.into_iter().for_each(|event| self.conduct.note(event));
+    }
+
+    /// What is known at a tick: of the tissue counts so far, of the fluid what it has said within a second.
+    fn statuses(&self, tick: u64) -> Statuses {
+        let (tissue, fluid) = self.latest;
+        (tissue, fluid.filter(|status| tick.saturating_sub(status.state_tick) <= HOLD_TICKS))
     }
 
     /// Whether the session is over: what comes now is told, and counts for nothing.

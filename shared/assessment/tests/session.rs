@@ -166,6 +166,29 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     assert_eq!((csv.lines().count(), csv.lines().last().unwrap().split(',').next()), (31, Some("7999")));
 }
 
+/// For as long as both fluids were dead each row had the last pressure again, and nobody saw the hole.
+#[test]
+fn a_row_before_which_no_fluid_has_spoken_for_a_second_says_nothing_of_the_medium() {
+    let block = |first: u64| Block {
+        applied: (first..first + 1_000).map(|tick| record(tick, [0.0; 3], 0.0)).collect(),
+        fluid: if (1_000..4_000).contains(&first) { Vec::new() } else { vec![fluid(first, 70.0, 1.0)] },
+        tissue: vec![tissue(first, 1, 0.1)],
+        ..Block::default()
+    };
+    let blocks: Vec<Block> = (0..5).map(|second| block(1_000 * second)).collect();
+    let (_, csv) = assessed(&bytes("silent", &blocks), 1);
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    let known = |name: &str| {
+        let column = rows[0].iter().position(|head| *head == name).unwrap();
+        (1..rows.len()).filter(|row| !rows[*row][column].is_empty()).collect::<Vec<_>>()
+    };
+    let spoken: Vec<usize> = (1..=10).chain(41..=50).collect();
+    for name in ["pressure_pa", "deficit_ml", "inflow_ml_min", "alarms", "bled_ml"] {
+        assert_eq!(known(name), spoken, "{name}");
+    }
+    assert_eq!(known("cuts").len(), 50, "what was cut stays cut");
+}
+
 /// Whoever is given the files of a class finds what stands in them.
 #[test]
 fn each_column_of_the_rows_and_each_key_of_the_json_stands_in_the_documents() {
