@@ -64,6 +64,8 @@ pub struct Assessment {
     pub unread: Option<String>,
     /// The scene behind the way of the tip, from who has loaded it.
     pub anatomy: Option<Anatomy>,
+    /// Why there is none, from who has tried.
+    pub undrawn: Option<String>,
 }
 
 /// Reads a recording to its end, with so many threads, and gives ten rows a second to `give`.
@@ -82,6 +84,7 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
         trouble: read.err().map(|error| error.to_string()),
         unread,
         anatomy: None,
+        undrawn: None,
     }
 }
 

@@ -3,7 +3,7 @@
 use super::given::Given;
 use super::watched::Watched;
 use crate::cli::ReportArgs;
-use crate::recorded::anatomy;
+use crate::recorded::{Undrawn, anatomy};
 use crate::settings::Refusal;
 use hyst_assessment::{Anatomy, Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
 use hyst_recording::{ReadError, Reader, open_file};
@@ -23,9 +23,7 @@ pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
     let mut csv = Csv { path: args.csv.clone(), out: None, refused: None };
     let mut assessment = read(&args.file, reader, |row| csv.row(row))?;
     csv.finish()?;
-    if args.html.is_some() {
-        assessment.anatomy = anatomy(&args.file, &assessment.session).map(|scene| Anatomy::of(&scene));
-    }
+    let is_lost = args.html.is_some() && !draw(args, &mut assessment);
     let mut sessions = Sessions::new(&name(&args.file), assessment);
     for (path, reader) in args.compare.iter().zip(earlier) {
         sessions.compare(&name(path), read(path, reader, |_| {})?);
@@ -38,7 +36,24 @@ pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
             if missing.len() > 1 { "; and more, see the report" } else { "" }
         );
     }
-    Ok(if missing.is_empty() { 0 } else { 3 })
+    Ok(if missing.is_empty() && !is_lost { 0 } else { 3 })
+}
+
+/// Puts the organ behind the path, or why there is none; false if it is there and the system did not let it be read.
+fn draw(args: &ReportArgs, assessment: &mut Assessment) -> bool {
+    let why = match anatomy(&args.file, &assessment.session) {
+        Ok(scene) => {
+            assessment.anatomy = Some(Anatomy::of(&scene));
+            return true;
+        }
+        Err(why) => why,
+    };
+    assessment.undrawn = Some(why.to_string());
+    let is_refused = matches!(why, Undrawn::Refused(..));
+    if is_refused {
+        eprintln!("hystation: the page has no organ behind the path: {why}");
+    }
+    !is_refused
 }
 
 fn name(path: &Path) -> String {
