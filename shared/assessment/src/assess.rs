@@ -4,7 +4,7 @@ use crate::anatomy::Anatomy;
 use crate::conduct::Conduct;
 use crate::curves::Curves;
 use crate::electrode::Electrode;
-use crate::force::{Force, TOUCH_N, length};
+use crate::force::{Force, length, touches};
 use crate::in_view::InView;
 use crate::judge::Judge;
 use crate::medium::{HOLD_TICKS, Medium};
@@ -27,6 +27,8 @@ pub struct Measured {
     pub motion: Motion,
     /// The force on the hand.
     pub force: Force,
+    /// The largest force that the device states of itself, N: the newest that is recorded.
+    pub device_max_n: Option<f64>,
     /// The loop electrode.
     pub electrode: Electrode,
     /// Pressure, deficit, flow, valves, light.
@@ -224,6 +226,8 @@ impl Measured {
             self.curves.current.add(since_ticks, 1.0);
         }
         self.curves.trace.add(sample.pose.position_m);
+        let device_max_n = Some(f64::from(record.limits.max_force_n)).filter(|newton| newton.is_finite() && *newton > 0.0);
+        self.device_max_n = device_max_n.or(self.device_max_n);
         if self.is_over() {
             return since_ticks;
         }
@@ -234,15 +238,16 @@ impl Measured {
         if let Some(began_tick) = self.began_tick().filter(|_| !had_begun) {
             self.begin(began_tick);
         }
+        let is_touching = touches(record);
         if let Some(force_n) = force_n {
             if self.force.peak.is_none_or(|peak| force_n > peak.value) {
                 self.curves.peak_at_m = finite(sample.pose.position_m).map(|_| sample.pose.position_m);
             }
-            self.force.tick(record.tick, force_n);
+            self.force.tick(record.tick, force_n, is_touching);
         }
         self.motion.tick(sample);
         self.medium.tick(&sample.controls);
-        self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
+        self.electrode.tick(record.tick, &sample.controls, is_touching);
         if let Some(judge) = &self.judge {
             self.in_view.tick(&judge.brief, sample);
         }

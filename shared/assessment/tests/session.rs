@@ -5,7 +5,7 @@ mod fixture;
 
 use fixture::{assessed, busy, bytes, bytes_of, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
 use hyst_assessment::{Assessment, Sessions, scores};
-use hyst_messages::{Applied, TissueStatus};
+use hyst_messages::{Applied, AppliedRecord, BUTTON_ENERGIZED, TissueStatus};
 use hyst_recording::{Block, Level, Reader, TickRange};
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -60,6 +60,21 @@ fn a_pose_that_is_no_number_costs_nothing_but_itself() {
     // Tick 21 is a corner: the way goes straight from (10, 9) to (9, 10) mm.
     assert!(is_near(&assessment, "path", 0.038 + 2f64.sqrt() * 1e-3), "{:?}", value(&assessment, "path"));
     assert_eq!((assessment.measured.conduct.not_finite, assessment.measured.force.ticks), (2, 40));
+}
+
+/// The medium, which the scope meets where there is no wall, was one that was touched, and current in it was current at work.
+#[test]
+fn what_the_medium_does_to_the_scope_is_no_touch() {
+    let told = |tick: u64| {
+        // As a servo makes it of the medium; with a wall beside it; a wall alone; what a device lets go of.
+        let (medium_n, force_n) = [(0.2, 0.198), (0.2, 0.198), (0.2, 0.3), (0.0, 0.2), (0.2, 0.0)][tick as usize / 200];
+        let mut record = AppliedRecord { on_scope_n: [0.0, 0.0, medium_n], ..record(tick, [0.0; 3], force_n) };
+        record.sample.controls.buttons = BUTTON_ENERGIZED;
+        record
+    };
+    let assessment = of_blocks("touch", &[Block { applied: (0..1_000).map(told).collect(), ..Block::default() }]);
+    assert!(is_near(&assessment, "touching", 40.0), "{:?}", value(&assessment, "touching"));
+    assert!(is_near(&assessment, "energised_free", 60.0), "{:?}", value(&assessment, "energised_free"));
 }
 
 #[test]
