@@ -37,6 +37,8 @@ pub struct Measured {
     pub in_view: InView,
     /// The newest status of the tissue, of those before the end.
     pub tissue: Option<TissueStatus>,
+    /// How much of the scene was to be removed, ml, if there was anything and the recording says it.
+    pub pathology_ml: Option<f64>,
     /// The judgement by the session's case, if it has one.
     pub judge: Option<Judge>,
     /// What the station did.
@@ -74,7 +76,9 @@ pub struct Assessment {
 pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: impl FnMut(&Row)) -> Assessment {
     let judge = reader.session().get("case").map(|brief| Judge::read(brief));
     let (judge, unread) = judge.transpose().map_or_else(|error| (None, Some(error)), |judge| (judge, None));
-    let mut measured = Measured { judge, ..Measured::default() };
+    let pathology_ml = reader.session().get("pathology_ml").and_then(|ml| ml.parse::<f64>().ok());
+    let pathology_ml = pathology_ml.filter(|ml| ml.is_finite() && *ml > 0.0);
+    let mut measured = Measured { judge, pathology_ml, ..Measured::default() };
     let mut rows = Rows::default();
     let read = reader.each_block(threads, |block| measured.take(block, &mut rows, &mut give));
     rows.finish().iter().for_each(&mut give);
@@ -191,6 +195,15 @@ impl Measured {
         let ended = self.judge.as_ref().and_then(|judge| judge.ended);
         let ticks = ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1));
         ticks.saturating_sub(self.began_tick().map_or(0, |tick| self.conduct.since_start(tick)))
+    }
+
+    /// Percent of the pathology that is removed: by the case, or without one of what its scene had.
+    pub fn removed_percent(&self) -> Option<f64> {
+        if let Some(judge) = &self.judge {
+            return judge.removed_percent();
+        }
+        let removed_ml = Some(self.tissue?.removed_volume_ml).filter(|ml| ml.is_finite())?;
+        Some((100.0 * removed_ml / self.pathology_ml?).clamp(0.0, 100.0))
     }
 
     /// Whether a tick that was taken is one of the session; without a case each is.

@@ -291,7 +291,7 @@ pub static METRICS: [Definition; 42] = [
         value: |m| m.judge.as_ref().and_then(Judge::done_percent),
         source: ASSUMED,
     },
-    shown(Group::Task, "pathology", "pathology removed", "%", |m| m.judge.as_ref().and_then(Judge::removed_percent)),
+    shown(Group::Task, "pathology", "pathology removed", "%", |m| m.removed_percent()),
     shown(Group::Task, "removed", "volume of pathology removed", "ml", |m| m.tissue.map(|status| status.removed_volume_ml)),
     shown(Group::Task, "brought_out", "volume of pieces brought out of the cavity", "ml", |m| {
         m.tissue.map(|status| f64::from(status.washed_out_ml) + f64::from(status.taken_out_ml))

@@ -52,7 +52,7 @@ pub struct Brief {
     pub seed: u32,
     /// What was drawn, a sentence each.
     pub drawn: Vec<String>,
-    /// Volume of what is to be removed at the beginning, ml: of all pathology, but in a scene with jaws, which cut nothing, of what of it lies free.
+    /// Volume of what is to be removed at the beginning, ml: [`LoadedScene::pathology_ml`].
     pub pathology_ml: f64,
     /// Middles of all pathology at the beginning, m; none in a recording of before they were noted.
     #[serde(default)]
@@ -240,9 +240,7 @@ fn mmhg(pa: f64) -> f64 {
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
     let pathologies = || scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
-    let has_jaws = scene.rigid.first().is_some_and(|rigid| rigid.jaws.is_some());
-    let is_to_go = |object: &&LoadedDeformable| !has_jaws || (object.attach.is_none() && !object.is_held());
-    let pathology_ml: f64 = pathologies().filter(is_to_go).map(volume_ml).sum();
+    let pathology_ml = scene.pathology_ml();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
     let goals = case.goal.iter().enumerate().map(goal).collect::<Result<_, _>>()?;
     let medium = scene.fluid.medium;
@@ -271,10 +269,6 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
         warnings,
         score: case.score.clone(),
     })
-}
-
-fn volume_ml(object: &LoadedDeformable) -> f64 {
-    1e6 * hyst_mesh::check(&object.mesh).volume_m3
 }
 
 fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Asked, SceneError> {
