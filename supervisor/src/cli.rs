@@ -231,9 +231,9 @@ fn speed(text: &str) -> Result<f64, String> {
 pub struct ReportArgs {
     /// The recording (MCAP), as `run --record` writes it.
     pub file: PathBuf,
-    /// Write it as a page (HTML) that needs nothing beside it.
+    /// Write it as a page (HTML) that needs nothing beside it; where no file is named, beside the recording, by its name.
     #[arg(long, value_name = "FILE")]
-    pub html: Option<PathBuf>,
+    pub html: Option<Option<PathBuf>>,
     /// Write it for programs; `-` writes it to stdout, instead of the text.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -347,6 +347,7 @@ mod tests {
             "hystation fault inject crash-loop recorder --times 2",
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
             "hystation bench station --json",
+            "hystation report a.mcap --html",
             "hystation report a.mcap --html a.html --json - --csv a.csv --compare b.mcap --compare c.mcap",
             "hystation logs haptic:0 -f",
         ] {

@@ -4,6 +4,7 @@ use crate::case::with_scene;
 use hyst_recording::{SceneFile, Session, scene_files};
 use hyst_scene::{LoadedScene, SourceFile, find_played_case};
 use std::fs::DirBuilder;
+use std::io::ErrorKind;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
@@ -54,20 +55,45 @@ impl Drop for RecordedScene {
     }
 }
 
-/// The anatomy of a session, from what was recorded of its scene and case, or from the scene in this program where it was that one; `None` if neither has
-/// the hash that the recording names.
-pub fn anatomy(recording: &Path, session: &Session) -> Option<LoadedScene> {
-    let hash = u64::from_str_radix(session.get("scene_hash")?, 16).ok()?;
+/// Why the organ of a session is not drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum Undrawn {
+    /// The recording has not what it takes, or not for this build.
+    #[error("{0}")]
+    Unknown(&'static str),
+    /// The system refused the room in which a scene is read.
+    #[error("the recorded scene cannot be laid down in {0}: {1}; free some there, or name another folder with TMPDIR")]
+    Refused(PathBuf, std::io::Error),
+}
+
+/// The anatomy of a session, from what was recorded of its scene and case, or from the scene in this program where it was that one.
+///
+/// # Errors
+/// Why it is not to be had: none has the hash that the recording names, or the system refused to have it read.
+pub fn anatomy(recording: &Path, session: &Session) -> Result<LoadedScene, Undrawn> {
+    let hash = session.get("scene_hash").and_then(|hash| u64::from_str_radix(hash, 16).ok());
+    let hash = hash.ok_or(Undrawn::Unknown("the recording does not say of which scene it is"))?;
+    let is_that = |scene: &LoadedScene| scene.hash == hash;
+    let other = Undrawn::Unknown("this build has another organ of the scene that was recorded");
+    let recorded = recorded_anatomy(recording, session).and_then(|scene| if is_that(&scene) { Ok(scene) } else { Err(other) });
+    recorded.or_else(|why| hyst_scene::load_embedded().ok().filter(is_that).ok_or(why))
+}
+
+/// What was recorded of scene and case, read where it is laid down for that.
+fn recorded_anatomy(recording: &Path, session: &Session) -> Result<LoadedScene, Undrawn> {
+    let unread = || Undrawn::Unknown("this build does not read the scene that was recorded");
+    let refused = |error: std::io::Error| Undrawn::Refused(std::env::temp_dir(), error);
     let folder =
         std::env::temp_dir().join(format!("hystation-{}-report-{}", hyst_exchange::system::user_id(), std::process::id()));
-    let laid = RecordedScene::lay(recording, &folder).ok().flatten();
-    let recorded = || {
-        let laid = laid.as_ref()?;
-        let Some(text) = session.get("case_text") else { return hyst_scene::load(laid.path()).ok() };
-        let case = folder.join("case.toml");
-        std::fs::write(&case, with_scene(text, laid.path())?).ok()?;
-        Some(find_played_case(&case, None).ok()??.scene)
-    };
-    let is_that = |scene: &LoadedScene| scene.hash == hash;
-    recorded().filter(is_that).or_else(|| hyst_scene::load_embedded().ok().filter(is_that))
+    let laid = RecordedScene::lay(recording, &folder).map_err(|why| match why {
+        Unlaid::System(_, error) if error.kind() != ErrorKind::InvalidInput => refused(error), // that is a name that is none
+        _ => unread(),
+    })?;
+    let laid = laid.ok_or(Undrawn::Unknown("the recording does not hold its scene"))?;
+    let Some(text) = session.get("case_text") else { return hyst_scene::load(laid.path()).map_err(|_| unread()) };
+    let case = folder.join("case.toml");
+    let text = with_scene(text, laid.path()).ok_or_else(unread)?;
+    std::fs::write(&case, text).map_err(refused)?;
+    let found = find_played_case(&case, None).map_err(|_| unread())?;
+    Ok(found.ok_or_else(unread)?.scene)
 }

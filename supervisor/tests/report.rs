@@ -1,7 +1,9 @@
 //! `hystation report` as a user calls it: files and exit codes, the same bytes each time, what is damaged or no recording at all.
 
+mod shown;
+
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, Pose};
-use hyst_recording::{Block, Session, Writer};
+use hyst_recording::{Block, SceneFile, Session, Writer};
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
@@ -94,6 +96,55 @@ fn a_recording_gives_text_page_json_and_csv_and_the_same_bytes_again() {
     assert_eq!((json["station"]["ticks"].as_u64(), json["length_s"].as_f64()), (Some(3_001), Some(3.001)));
 }
 
+/// `--html` alone was refused, for it wanted a value.
+#[test]
+fn a_page_for_which_no_file_is_named_lies_beside_the_recording_and_never_in_its_place() {
+    let folder = Folder::new("beside");
+    let session = folder.record("session.mcap", 400);
+    let output = report(&[&session, Path::new("--html")]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    assert!(folder.read("session.html").starts_with("<!doctype html>"));
+    let named = folder.record("named.html", 200);
+    refused(&[&named, Path::new("--html")], "is a recording");
+    refused(&[Path::new("--html"), &session], "<FILE>"); // so named it would be the page
+}
+
+/// One for which the temporary folder had no room was a page without an organ, with no word of it and exit code 0.
+#[test]
+fn a_page_without_the_organ_says_why_and_what_the_system_refuses_costs_exit_code_3() {
+    let folder = Folder::new("organ");
+    let record = |name: &str, hash: u64, scene: Vec<SceneFile>| {
+        let facts = [("session", name.to_string()), ("scene_hash", format!("{hash:016x}"))];
+        let session: Session = facts.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+        let mut writer = Writer::open(&folder.file(name), &session).unwrap();
+        writer.append(&Block { scene, ..block(0..200) }).unwrap();
+        writer.finish().unwrap();
+        folder.file(name)
+    };
+    let page = |recording: &Path, temporary: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_hystation"));
+        let output = command.arg("report").arg(recording).arg("--html").env("TMPDIR", temporary).output().unwrap();
+        (output.status.code(), text(&output.stderr), std::fs::read_to_string(recording.with_extension("html")).unwrap())
+    };
+    let built_in = record("built-in.mcap", hyst_scene::load_embedded().unwrap().hash, Vec::new());
+    let without = record("without.mcap", 1, Vec::new());
+    let file = SceneFile { index: 0, count: 1, name: "scene.toml".into(), bytes: b"What a build of next year reads".to_vec() };
+    let later = record("later.mcap", 1, vec![file]);
+    for (recording, why) in [
+        (&built_in, None),
+        (&without, Some("the recording does not hold its scene")),
+        (&later, Some("this build does not read the scene that was recorded")),
+    ] {
+        let (code, said, page) = page(recording, &folder.0);
+        assert_eq!((code, said.as_str()), (Some(0), ""), "{why:?}");
+        assert_eq!(page.contains("<path class=\"organ\""), why.is_none(), "{why:?}");
+        assert!(why.is_none_or(|why| page.contains(&format!("The organ is not drawn behind it: {why}."))), "{why:?}");
+    }
+    let (code, said, page) = page(&later, &folder.file("nowhere"));
+    assert!(code == Some(3) && said.contains("no organ") && said.contains("TMPDIR"), "{code:?} {said}");
+    assert!(page.contains("The organ is not drawn behind it: the recorded scene cannot be laid down in "));
+}
+
 #[test]
 fn json_goes_to_stdout_and_an_earlier_session_is_a_column() {
     let folder = Folder::new("compare");
@@ -142,8 +193,8 @@ fn a_recording_of_100_gb_is_reported_from_its_first_block_to_its_last_with_exit_
     let (before, behind) = bytes.split_at(first_bytes as usize);
     let file = File::create(&session).unwrap();
     if let Err(error) = file.set_len(LENGTH_BYTES) {
-        println!("NOT TRIED: the report of a recording of 100 GB, for the file system takes no file with holes: {error}");
-        return;
+        let what = format!("the report of a recording of 100 GB: the file system takes no file with holes ({error})");
+        return shown::not_shown(&what);
     }
     file.write_all_at(before, 0).unwrap();
     let mut at = first_bytes;

@@ -59,7 +59,7 @@ impl Promise {
     }
 }
 
-/// Says that this run could not show something, because of the machine.
+/// Says that this run did not show something, because of the machine, or because nobody has asked for what takes minutes.
 pub fn not_shown(what: &str) {
     println!("NOT SHOWN: {what}");
     if let Some(path) = std::env::var_os(NOT_SHOWN) {

@@ -2,6 +2,7 @@
 //! which really happen and are handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
 
 use serde_json::Value;
+use station_tests::shown::not_shown;
 use station_tests::{Folder, both, hystation, run};
 use std::path::{Path, PathBuf};
 
@@ -115,6 +116,17 @@ fn a_polyp_is_taken_off_at_its_base_after_a_chip_of_it_and_a_chip_alone_is_a_bio
     assert!(chip_s < polyp["case"]["goals"][2]["at_s"].as_f64(), "the chip comes first: {}", polyp["case"]);
     assert_eq!(warned(&polyp, "force above 1.65 N"), 0);
     assert_all_reached(&biopsy);
+}
+
+/// Its script has little more than it needs, and takes 103 s of a virtual clock that runs hardly faster than a real one: `HYSTATION_CASES=all` tries it.
+#[test]
+fn a_myoma_is_sliced_off_as_far_as_its_case_asks() {
+    if !std::env::var("HYSTATION_CASES").is_ok_and(|which| which == "all") {
+        return not_shown("whether the myoma's script reaches its goals, which takes minutes: HYSTATION_CASES=all has it tried");
+    }
+    let myoma = session("myoma", "slices", "112s");
+    assert_all_reached(&myoma);
+    assert!(metric(&myoma, "pathology").0 >= 45.0, "{}", myoma["case"]);
 }
 
 /// The same polyp, as large and as far from the middle as its scene has it: its chip comes off on the patient's left as it does on the right, and its trainee

@@ -5,6 +5,7 @@
 use hyst_messages::page;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use station_tests::shown::not_shown;
 use station_tests::{Folder, RECOVERY_LIMIT, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -73,9 +74,7 @@ impl Manager {
         let may = rustix::process::geteuid().is_root() && has("/lib/systemd/systemd") && has("/sys/fs/cgroup/systemd");
         let namespaces = ["--mount", "--pid", "--fork", "--ipc", "--uts", "--cgroup", "mount", "-t", "tmpfs", "try", "/run"];
         if !may || has("/run/systemd/system") || run(Command::new("unshare").args(namespaces)).0 != Some(0) {
-            eprintln!(
-                "NOT TRIED: the unit under systemd, which takes root, namespaces, cgroups of version 1, and no systemd that runs"
-            );
+            not_shown("the unit under systemd, which takes root, namespaces, cgroups of version 1, and no systemd that runs");
             return None;
         }
         let mut command = Command::new("sh");

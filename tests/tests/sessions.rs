@@ -37,6 +37,7 @@ fn a_scripted_trainee_resects_the_polyp_and_the_report_says_so() {
     let cuts = ledger["cuts"].as_f64().unwrap();
     assert!((10.0..=cuts).contains(&value(&report, "cuts")), "{} of {cuts} cuts", value(&report, "cuts"));
     assert!(value(&report, "removed") > 0.0 && value(&report, "energised") > 0.0);
+    assert!((0.1..=100.0).contains(&value(&report, "pathology")), "percent, without a case: {}", value(&report, "pathology"));
     assert!(value(&report, "path") > 0.01 && value(&report, "time") > 10.0);
     // The way is found so that the shaft touches nothing; what was cut off has sunk from it.
     assert!((0.0..0.1).contains(&value(&report, "force_peak")), "{} N", value(&report, "force_peak"));

@@ -34,13 +34,6 @@ fn until_tick(judge: &Judge) -> Option<u64> {
     Some(judge.began_tick()?.saturating_add((time_s * 1e3) as u64))
 }
 
-/// The deficit from which on a case warns, ml: what its rules say, or what the pump allows of its medium.
-fn deficit_limit_ml(judge: &Judge) -> Option<f64> {
-    let limits =
-        judge.brief.warnings.iter().filter_map(|warning| serde_json::to_value(warning.is).ok()?["deficit_above"].as_f64());
-    limits.reduce(f64::min)
-}
-
 /// What a successor goes on from: the judgement, and how many ticks nobody has judged. `None` if it cannot be written down.
 fn kept_text(judge: &Judge, unseen_ticks: u64) -> Option<String> {
     let mut kept = serde_json::to_value(judge).ok()?;
@@ -106,7 +99,7 @@ impl Referee {
         self.told_ns = now_ns;
         let mut told = self.judge.json();
         told["until_tick"] = json!(until_tick(&self.judge));
-        told["deficit_limit_ml"] = json!(deficit_limit_ml(&self.judge));
+        told["deficit_limit_ml"] = json!(self.judge.brief.deficit_allowed_ml());
         told["unseen_s"] = json!(self.unseen_ticks as f64 * 1e-3);
         let is_new = told != self.told;
         self.told = told;
@@ -129,22 +122,6 @@ impl Referee {
 mod tests {
     use super::*;
     use hyst_messages::AppliedRecord;
-
-    #[test]
-    fn the_deficit_that_a_case_warns_of_is_the_least_that_it_names() {
-        let limit_ml = |warnings: Value| {
-            let brief = json!({
-                "name": "A case", "rung": "polyp", "task": "Do it.", "seed": 3, "drawn": [], "pathology_ml": 2.0, "goals": [],
-                "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
-                "warnings": warnings, "score": {},
-            });
-            deficit_limit_ml(&Judge::read(&brief.to_string()).unwrap())
-        };
-        let above = |ml: f64| json!({ "words": "much is missing", "is": { "deficit_above": ml } });
-        let others = [json!({ "words": "time", "is": { "time_above": 9 } }), json!({ "words": "current", "is": "current" })];
-        assert_eq!(limit_ml(json!(others)), None);
-        assert_eq!(limit_ml(json!([others[0], above(1_000.0), others[1], above(800.0)])), Some(800.0));
-    }
 
     /// Goals and warnings of a time in which there was no console were missing on the page, which did not say so.
     #[test]

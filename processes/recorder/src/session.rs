@@ -159,9 +159,10 @@ fn facts(life: &Life) -> Result<Session, Failure> {
     let here = machine::describe();
     let made_on = ["cpu", "kernel"].map(|key| (key, here[key].as_str().unwrap_or_default().to_string()));
     let made_on = made_on.into_iter().chain([("cores", here["cores"].to_string())]);
-    // Of a case its text, from which its anatomy is drawn again, and what it is judged by; and which programs ran it.
-    let files = [("case_text", life.station.case()), ("case", life.station.brief()), ("build", life.station.build())];
-    let files = files.into_iter().filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
+    // Of a case its text, from which its anatomy is drawn again, and what it is judged by; which programs ran it, and how much there was to be removed.
+    let of_case = [("case_text", life.station.case()), ("case", life.station.brief())];
+    let files = of_case.into_iter().chain([("build", life.station.build()), ("pathology_ml", life.station.pathology())]);
+    let files = files.filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
     let trainee = life.settings.trainee().map_err(|error| Failure::Input(error.to_string()))?;
     let begun = Some(life.settings.begun_unix_s).filter(|unix_s| *unix_s > 0).map(machine::utc_of);
     let who_and_when = [("trainee", trainee.map(str::to_string)), ("begun_utc", begun)];

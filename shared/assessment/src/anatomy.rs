@@ -43,8 +43,13 @@ fn drawn(scene: &LoadedScene, side: Side) -> Drawn {
             drawn.cuts_mm.extend(cut([a, b, c], plane_m, side));
         }
     }
-    drawn.cuts_mm.truncate(MOST_CUTS);
+    drawn.cuts_mm = thinned(drawn.cuts_mm, MOST_CUTS);
     drawn
+}
+
+/// Of so many the most that are drawn, from all of them alike: the first alone were half of an organ.
+fn thinned<T: Copy>(all: Vec<T>, most: usize) -> Vec<T> {
+    if all.len() <= most { all } else { (0..most).map(|at| all[at * all.len() / most]).collect() }
 }
 
 /// Where a triangle is cut by the plane; a corner on it counts to one side, so that each edge is cut once or not at all.
@@ -92,6 +97,13 @@ mod tests {
         assert_eq!(cut(through, 0.005, Side::Left), None);
         let touching = [[0.0, 0.0, 0.0], [0.001, 0.0, 0.010], [0.001, 0.002, 0.0]];
         assert_eq!(cut(touching, 0.0, Side::Left), None, "a corner on the plane is no cut");
+    }
+
+    #[test]
+    fn of_more_cuts_than_are_drawn_some_are_of_each_part_of_the_organ() {
+        assert_eq!(thinned((0..8).collect(), 4), [0, 2, 4, 6]);
+        assert_eq!(thinned((0..5).collect(), 4), [0, 1, 2, 3]);
+        assert_eq!(thinned((0..4).collect(), 4), [0, 1, 2, 3]);
     }
 
     #[test]

@@ -4,10 +4,10 @@ use crate::anatomy::Anatomy;
 use crate::conduct::Conduct;
 use crate::curves::Curves;
 use crate::electrode::Electrode;
-use crate::force::{Force, TOUCH_N, length};
+use crate::force::{Force, length, touches};
 use crate::in_view::InView;
 use crate::judge::Judge;
-use crate::medium::Medium;
+use crate::medium::{HOLD_TICKS, Medium};
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
 use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
@@ -27,6 +27,8 @@ pub struct Measured {
     pub motion: Motion,
     /// The force on the hand.
     pub force: Force,
+    /// The largest force that the device states of itself, N: the newest that is recorded.
+    pub device_max_n: Option<f64>,
     /// The loop electrode.
     pub electrode: Electrode,
     /// Pressure, deficit, flow, valves, light.
@@ -35,6 +37,8 @@ pub struct Measured {
     pub in_view: InView,
     /// The newest status of the tissue, of those before the end.
     pub tissue: Option<TissueStatus>,
+    /// How much of the scene was to be removed, ml, if there was anything and the recording says it.
+    pub pathology_ml: Option<f64>,
     /// The judgement by the session's case, if it has one.
     pub judge: Option<Judge>,
     /// What the station did.
@@ -64,13 +68,17 @@ pub struct Assessment {
     pub unread: Option<String>,
     /// The scene behind the way of the tip, from who has loaded it.
     pub anatomy: Option<Anatomy>,
+    /// Why there is none, from who has tried.
+    pub undrawn: Option<String>,
 }
 
 /// Reads a recording to its end, with so many threads, and gives ten rows a second to `give`.
 pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: impl FnMut(&Row)) -> Assessment {
     let judge = reader.session().get("case").map(|brief| Judge::read(brief));
     let (judge, unread) = judge.transpose().map_or_else(|error| (None, Some(error)), |judge| (judge, None));
-    let mut measured = Measured { judge, ..Measured::default() };
+    let pathology_ml = reader.session().get("pathology_ml").and_then(|ml| ml.parse::<f64>().ok());
+    let pathology_ml = pathology_ml.filter(|ml| ml.is_finite() && *ml > 0.0);
+    let mut measured = Measured { judge, pathology_ml, ..Measured::default() };
     let mut rows = Rows::default();
     let read = reader.each_block(threads, |block| measured.take(block, &mut rows, &mut give));
     rows.finish().iter().for_each(&mut give);
@@ -82,6 +90,7 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
         trouble: read.err().map(|error| error.to_string()),
         unread,
         anatomy: None,
+        undrawn: None,
     }
 }
 
@@ -157,8 +166,8 @@ impl Measured {
                 self.fluid(status);
             }
             if is_new {
-                let since_ticks = self.tick(record);
-                rows.tick(record, (since_ticks, self.is_of_session(record.tick)), self.latest).iter().for_each(&mut *give);
+                let when = (self.tick(record), self.is_of_session(record.tick));
+                rows.tick(record, when, self.statuses(record.tick)).iter().for_each(&mut *give);
             }
         }
         tissue.for_each(|status| self.tissue(status));
@@ -167,6 +176,12 @@ impl Measured {
         let room = MOST_PICTURES.saturating_sub(self.pictures.len());
         self.pictures.extend(block.pictures.into_iter().take(room));
         block.events.into_iter().for_each(|event| self.conduct.note(event));
+    }
+
+    /// What is known at a tick: of the tissue counts so far, of the fluid what it has said within a second.
+    fn statuses(&self, tick: u64) -> Statuses {
+        let (tissue, fluid) = self.latest;
+        (tissue, fluid.filter(|status| tick.saturating_sub(status.state_tick) <= HOLD_TICKS))
     }
 
     /// Whether the session is over: what comes now is told, and counts for nothing.
@@ -180,6 +195,15 @@ impl Measured {
         let ended = self.judge.as_ref().and_then(|judge| judge.ended);
         let ticks = ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1));
         ticks.saturating_sub(self.began_tick().map_or(0, |tick| self.conduct.since_start(tick)))
+    }
+
+    /// Percent of the pathology that is removed: by the case, or without one of what its scene had.
+    pub fn removed_percent(&self) -> Option<f64> {
+        if let Some(judge) = &self.judge {
+            return judge.removed_percent();
+        }
+        let removed_ml = Some(self.tissue?.removed_volume_ml).filter(|ml| ml.is_finite())?;
+        Some((100.0 * removed_ml / self.pathology_ml?).clamp(0.0, 100.0))
     }
 
     /// Whether a tick that was taken is one of the session; without a case each is.
@@ -215,6 +239,8 @@ impl Measured {
             self.curves.current.add(since_ticks, 1.0);
         }
         self.curves.trace.add(sample.pose.position_m);
+        let device_max_n = Some(f64::from(record.limits.max_force_n)).filter(|newton| newton.is_finite() && *newton > 0.0);
+        self.device_max_n = device_max_n.or(self.device_max_n);
         if self.is_over() {
             return since_ticks;
         }
@@ -225,15 +251,16 @@ impl Measured {
         if let Some(began_tick) = self.began_tick().filter(|_| !had_begun) {
             self.begin(began_tick);
         }
+        let is_touching = touches(record);
         if let Some(force_n) = force_n {
             if self.force.peak.is_none_or(|peak| force_n > peak.value) {
                 self.curves.peak_at_m = finite(sample.pose.position_m).map(|_| sample.pose.position_m);
             }
-            self.force.tick(record.tick, force_n);
+            self.force.tick(record.tick, force_n, is_touching);
         }
         self.motion.tick(sample);
         self.medium.tick(&sample.controls);
-        self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
+        self.electrode.tick(record.tick, &sample.controls, is_touching);
         if let Some(judge) = &self.judge {
             self.in_view.tick(&judge.brief, sample);
         }

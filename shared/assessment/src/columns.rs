@@ -91,13 +91,20 @@ impl Column {
         }
     }
 
+    /// Whether another session was with a device of the same force; `None` where one of the two does not say it.
+    pub(crate) fn is_of_same_device(&self, other: &Column) -> Option<bool> {
+        Some(self.assessment.measured.device_max_n? == other.assessment.measured.device_max_n?)
+    }
+
     /// What is said of a session that is compared with another one of which the figures are not of the same thing.
-    pub(crate) fn mark_beside(&self, reported: &Column) -> &'static str {
-        match (self.is_of_same_anatomy(reported), self.is_judged_alike(reported)) {
+    pub(crate) fn mark_beside(&self, reported: &Column) -> String {
+        let mark = match (self.is_of_same_anatomy(reported), self.is_judged_alike(reported)) {
             (false, _) => ", of another case, seed or scene",
             (true, false) => ", judged by other goals, ends, warnings or weights",
             (true, true) => "",
-        }
+        };
+        let device = if self.is_of_same_device(reported) == Some(false) { ", with another device" } else { "" };
+        format!("{mark}{device}")
     }
 
     /// Who, what, how long.
@@ -106,12 +113,12 @@ impl Column {
         // A recording of before they were noted has neither.
         let noted = [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.noted(fact)));
         let noted = noted.into_iter().filter_map(|(name, value)| Some((name, value?)));
-        let facts = [
-            ("scene or case", format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn())),
-            ("hand", self.fact("hand")),
-            ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
-        ];
-        noted.chain(facts).collect()
+        let device = self.assessment.measured.device_max_n;
+        let device = device.map(|newton| ("device", format!("states {} N at most", number(newton))));
+        let scene = format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn());
+        let length = format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0));
+        let facts = [("scene or case", scene), ("hand", self.fact("hand"))].into_iter().chain(device);
+        noted.chain(facts).chain([("length", length)]).collect()
     }
 
     /// Out of which file, and what made it.

@@ -16,8 +16,9 @@ use serde_json::{Map, Value, json};
 /// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too. In form 2 the time of a case's session, and shares of
 /// it, counted from the first tick. In form 3 goals weighed alike and nothing counted of one that was open, notices and time were warnings, one tick of current
 /// was enough to judge the view by, and a camera head that was kept level had a score. In form 4 the volume that was `removed` was one of safety, as if to
-/// remove what is to be removed were a harm, and the pump's roller beat in the shares and the peak of the pressure.
-const FORMAT: u32 = 5;
+/// remove what is to be removed were a harm, and the pump's roller beat in the shares and the peak of the pressure. In form 5 the force of the medium on the
+/// scope was one of touching.
+const FORMAT: u32 = 6;
 
 /// The session that is reported, and under `compared` the earlier ones.
 pub fn json(sessions: &Sessions) -> Value {
@@ -28,6 +29,7 @@ pub fn json(sessions: &Sessions) -> Value {
     let compared = |column: &Column| {
         let mut value = session(column);
         value["is_of_same_anatomy"] = json!(column.is_of_same_anatomy(&sessions.reported));
+        value["is_of_same_device"] = json!(column.is_of_same_device(&sessions.reported));
         value["is_judged_alike"] = json!(column.is_judged_alike(&sessions.reported));
         value
     };
@@ -123,6 +125,7 @@ fn station(column: &Column) -> Value {
         "repeated": conduct.repeated,
         "not_finite": conduct.not_finite,
         "kinds": {"fresh": fresh, "held": held, "ramped": ramped, "zero": zero, "unknown": unknown},
+        "device_max_force_n": measured.device_max_n,
         "force_step_max_n": conduct.largest_step.map(|step| step.value),
         "force_step_max_tick": conduct.largest_step.map(|step| step.tick),
         "takeovers": conduct.takeovers,

@@ -8,7 +8,8 @@
 //! warnings is an average, as a pump shows and gives alarm by it: the roller's beat in the cavity is neither the trainee's doing nor his to mend.
 //!
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor, and what of it cannot be ends none; what
-//! comes after the end counts for nothing; a status holds for a second, then nothing is known of what it said.
+//! comes after the end counts for nothing; a status holds for a second, then nothing is known of what it said; nothing counts as held in ticks that are missing
+//! for longer than that.
 
 mod asked;
 
@@ -16,7 +17,7 @@ use crate::begin::Begin;
 use crate::bleeding::Bleeding;
 use crate::ended::EndedBy;
 use crate::force::length;
-use crate::medium::{PARTED_PA, SHUT};
+use crate::medium::{HOLD_TICKS, PARTED_PA, SHUT};
 use crate::motion::finite;
 use crate::pieces::Pieces;
 use crate::sight::{axis, is_in_sight};
@@ -24,8 +25,6 @@ use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus, mean_
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
 
-/// A status holds for so long at most, ticks.
-const HOLD_TICKS: u64 = 1_000;
 /// A warning stands until its cause is gone for so long, ticks: one that flickers is one.
 const CALM_TICKS: u64 = 1_000;
 /// A warning of the pressure stands until that is so far on the right side of its limit again, Pa (3 mmHg): farther than the roller's beat in it goes from its
@@ -193,6 +192,9 @@ impl Judge {
         if self.ended.is_some() || self.first_tick.is_some() && record.tick <= self.last_tick {
             return;
         }
+        if self.first_tick.is_some() && record.tick - self.last_tick > HOLD_TICKS {
+            self.let_go();
+        }
         self.first_tick.get_or_insert(record.tick);
         self.last_tick = record.tick;
         self.begin.take(record);
@@ -211,6 +213,15 @@ impl Judge {
             }
         }
         self.ended = self.end().map(|by| (by, record.tick));
+    }
+
+    /// Ticks are missing: what was held before them begins anew. What was called for stays so.
+    fn let_go(&mut self) {
+        let held = self.goals.iter_mut().zip(&self.brief.goals).filter(|(_, asked)| !matches!(asked.is, Aim::Stop { .. }));
+        for (goal, _) in held {
+            goal.since_tick = None;
+            goal.looks.iter_mut().for_each(|(since_tick, _)| *since_tick = None);
+        }
     }
 
     /// What is known of the cavity at a tick.
@@ -301,9 +312,8 @@ impl Judge {
                 }
                 let controls = &record.sample.controls;
                 let is_stopped = controls.inflow_valve < SHUT && !controls.has_current();
-                goal.missed_tick =
-                    goal.since_tick.filter(|since| !is_stopped && tick.saturating_sub(*since) > *ticks).map(|_| tick);
-                goal.since_tick.is_some() && is_stopped
+                goal.missed_tick = goal.since_tick.filter(|since| tick.saturating_sub(*since) > *ticks).map(|_| tick);
+                goal.since_tick.is_some() && goal.missed_tick.is_none() && is_stopped
             }
             Aim::Staunch { after_ml, below_ml_min, ticks } => {
                 let is_bleeding = known.bled_ml.is_some_and(|ml| ml >= *after_ml);

@@ -48,7 +48,7 @@ mod tests {
         assert!(losses(&scores(&Measured::default())).is_empty(), "nothing is recorded");
         let mut measured = Measured::default();
         // Of 7 weights the largest force, 2, has 56.5 %; to be above the limit all the time, 2 and 2, and to touch, 1, have nothing.
-        measured.force.tick(0, 2.0);
+        measured.force.tick(0, 2.0, true);
         let scores = scores(&measured);
         let losses = losses(&scores);
         let told: Vec<(&str, i64)> = losses.iter().map(|loss| (loss.metric.definition.key, loss.points.round() as i64)).collect();

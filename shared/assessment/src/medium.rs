@@ -16,7 +16,7 @@ pub const HIGH_PA: f64 = 100.0 * PA_PER_MMHG;
 /// Where the walls part, Pa: a median of 40 mmHg (25 to 50). A case in which nobody may come to that pressure and that has a landmark looked at is refused.
 pub const PARTED_PA: f64 = hyst_scene::LOOKS_FROM_PA;
 /// A status holds for so long at most, ticks; then nothing is known.
-const HOLD_TICKS: u64 = 1_000;
+pub(crate) const HOLD_TICKS: u64 = 1_000;
 /// Time over which the rate of the deficit is taken, and between two points of it, ticks: shorter ones show the filling of a cavity of 5 ml alone.
 const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;

@@ -225,7 +225,7 @@ mod tests {
         assert!(nothing.metrics.iter().all(|metric| metric.value.is_none() && metric.score.is_none()));
         assert_eq!((nothing.groups, nothing.total, nothing.done), ([None; 5], None, 1.0));
         let mut measured = Measured::default();
-        measured.force.tick(0, 1.0); // 100 %: largest; 95 % below 1.005 N, at most its 1 N: 66.7 %; above the limit: 100 %; touching: 0 %
+        measured.force.tick(0, 1.0, true); // 100 %: largest; 95 % below 1.005 N, at most its 1 N: 66.7 %; above the limit: 100 %; touching: 0 %
         let scores = scores(&measured);
         let safety = (2.0 * 100.0 + 2.0 * 100.0 * (1.0 / 1.5) + 2.0 * 100.0 + 1.0 * 0.0) / 7.0;
         assert!((scores.groups[2].unwrap() - safety).abs() < 1e-9 && scores.total == scores.groups[2]);

@@ -45,6 +45,8 @@ pub fn html(sessions: &Sessions) -> String {
     let anatomy = reported.assessment.anatomy.as_ref();
     if anatomy.is_some() {
         page.push_str("<p class=\"note\">Behind it the organ, cut through the pivot, and the outline of the pathology, as they were before anything moved.</p>\n");
+    } else if let Some(why) = &reported.assessment.undrawn {
+        let _ = writeln!(page, "<p class=\"note\">The organ is not drawn behind it: {}.</p>", escape(why));
     }
     page.push_str("<div class=\"sides\">\n");
     for side in [Side::Left, Side::Front] {

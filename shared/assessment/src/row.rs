@@ -25,7 +25,7 @@ pub struct Row {
     pub in_session: bool,
     /// The newest status of the tissue then.
     pub tissue: Option<TissueStatus>,
-    /// The newest status of the fluid then.
+    /// The newest status of the fluid then, if it is known still.
     pub fluid: Option<FluidStatus>,
     /// Ticks that are there.
     pub ticks: u64,

@@ -12,7 +12,7 @@ const HEAD_HELD: &str = "assumed; nothing where the scope is not turned, or the 
 
 /// The defaults. The groups, and that path length, time and camera alignment separate novices from experts best (so they weigh 2), are Bajka et al. 2010.
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
-/// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
+/// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is the most that the station commands. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
 pub static METRICS: [Definition; 42] = [
     Definition {
@@ -157,7 +157,7 @@ pub static METRICS: [Definition; 42] = [
         unit: "%",
         scale: scale(30.0, 90.0, 1.0),
         value: |m| share(m.force.touching_ticks, m.force.ticks),
-        source: "touching from 0.05 N on; shares assumed",
+        source: "from 0.05 N on that the medium alone does not make; shares assumed",
     },
     Definition {
         group: Group::Safety,
@@ -166,7 +166,7 @@ pub static METRICS: [Definition; 42] = [
         unit: "N",
         scale: scale(1.0, 3.3, 2.0),
         value: |m| m.force.peak.map(|peak| peak.value),
-        source: "0 % where the device ends; 1 N assumed",
+        source: "0 % at the most that the station commands; 1 N assumed",
     },
     Definition {
         group: Group::Safety,
@@ -184,7 +184,7 @@ pub static METRICS: [Definition; 42] = [
         unit: "%",
         scale: scale(0.0, 5.0, 2.0),
         value: |m| share(m.force.above_ticks, m.force.ticks),
-        source: "half of what the device makes; shares assumed",
+        source: "half of the most that the station commands; shares assumed",
     },
     Definition {
         group: Group::Safety,
@@ -291,7 +291,7 @@ pub static METRICS: [Definition; 42] = [
         value: |m| m.judge.as_ref().and_then(Judge::done_percent),
         source: ASSUMED,
     },
-    shown(Group::Task, "pathology", "pathology removed", "%", |m| m.judge.as_ref().and_then(Judge::removed_percent)),
+    shown(Group::Task, "pathology", "pathology removed", "%", |m| m.removed_percent()),
     shown(Group::Task, "removed", "volume of pathology removed", "ml", |m| m.tissue.map(|status| status.removed_volume_ml)),
     shown(Group::Task, "brought_out", "volume of pieces brought out of the cavity", "ml", |m| {
         m.tissue.map(|status| f64::from(status.washed_out_ml) + f64::from(status.taken_out_ml))

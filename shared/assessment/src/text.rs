@@ -27,7 +27,8 @@ pub fn text(sessions: &Sessions) -> String {
     for (index, column) in sessions.earlier.iter().enumerate() {
         let (head, session) = (format!("compared, {}", letter(index)), column.fact("session"));
         let _ = writeln!(text, "{head:<20}{}, session {session}{}", column.file, column.drawn());
-        let mark = column.mark_beside(&sessions.reported).trim_start_matches(", ");
+        let mark = column.mark_beside(&sessions.reported);
+        let mark = mark.trim_start_matches(", ");
         if !mark.is_empty() {
             let _ = writeln!(text, "{:<20}{mark}", "");
         }

@@ -54,6 +54,25 @@ fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
     assert!(page.contains("class=\"text reached\">reached at 1.6 s") && !page.contains("<b>\""), "{page}");
 }
 
+/// Who resected in a scene without a case was told millilitres, and no percent.
+#[test]
+fn without_a_case_the_percent_removed_are_of_what_the_recording_says_that_its_scene_had() {
+    let percent = |fact: &[(&str, &str)]| {
+        let blocks: Vec<Block> = (0..15u64).map(|index| fixture::busy(5_000 + 200 * index, 200)).collect();
+        let bytes = bytes_of("scene-alone", &[&[("session", "test-1")][..], fact].concat(), &blocks);
+        let assessment = assess(Reader::new(Cursor::new(&bytes), Path::new("session.mcap")).unwrap(), 2, |_| {});
+        let report = json(&Sessions::new("a.mcap", assessment));
+        let metrics = report["metrics"].as_array().unwrap();
+        metrics.iter().find(|metric| metric["key"] == "pathology").unwrap()["value"].as_f64()
+    };
+    // 0.28 ml in the end.
+    assert!(percent(&[("pathology_ml", "2")]).is_some_and(|percent| (percent - 14.0).abs() < 1e-9));
+    assert_eq!(percent(&[("pathology_ml", "0.1")]), Some(100.0));
+    for unknown in [&[][..], &[("pathology_ml", "0")], &[("pathology_ml", "NaN")], &[("pathology_ml", "much")]] {
+        assert_eq!(percent(unknown), None, "{unknown:?}");
+    }
+}
+
 #[test]
 fn a_case_that_cannot_be_read_is_missing_and_the_rest_is_told() {
     for case in ["", "{}", "{\"name\":3}", &"[".repeat(10_000)] {

@@ -81,7 +81,7 @@ fn who_does_nothing_scores_below_who_reaches_the_goals() {
     assert!(
         page.contains("multiplied by the share of them that was done") && page.contains("<span>All, × 0.50 for the goals</span>")
     );
-    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(5), Some(0.0)));
+    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(6), Some(0.0)));
     let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
     assert_eq!((&metric("time")["times_goals_share"], &metric("deficit")["times_goals_share"]), (&json!(true), &json!(false)));
 }
@@ -157,6 +157,29 @@ fn a_session_with_another_seed_of_the_same_case_is_marked_and_the_same_case_from
     let (page, told) = (html(&sessions), text(&sessions));
     for words in ["A polyp, seed 3", "A polyp, seed 7"] {
         assert!(page.contains(words) && told.contains(words), "{words}: {told}");
+    }
+}
+
+/// Two devices were compared as equals of which one makes less than half of the other's force.
+#[test]
+fn what_the_device_states_is_told_and_a_session_with_another_one_is_marked() {
+    let with = |max_force_n: f32| {
+        let mut blocks = at_work();
+        let records = blocks.iter_mut().flat_map(|block| block.applied.iter_mut());
+        records.for_each(|record| record.limits.max_force_n = max_force_n);
+        recorded("device", &[("session", "s")], &blocks)
+    };
+    // The last one is of a recording that does not say it.
+    for (reported, earlier, is_same) in [(1.5, 1.5, Some(true)), (1.5, 3.5, Some(false)), (1.5, 0.0, None)] {
+        let mut sessions = Sessions::new("new.mcap", with(reported));
+        sessions.compare("old.mcap", with(earlier));
+        for told in [html(&sessions), text(&sessions)] {
+            assert!(told.contains("states 1.500 N at most"), "{told}");
+            assert_eq!(told.contains("with another device"), is_same == Some(false), "{earlier} N: {told}");
+        }
+        let report = json(&sessions);
+        assert_eq!(report["station"]["device_max_force_n"].as_f64(), Some(1.5));
+        assert_eq!(report["compared"][0]["is_of_same_device"].as_bool(), is_same, "{earlier} N");
     }
 }
 

@@ -5,7 +5,7 @@ mod fixture;
 
 use fixture::{assessed, busy, bytes, bytes_of, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
 use hyst_assessment::{Assessment, Sessions, scores};
-use hyst_messages::{Applied, TissueStatus};
+use hyst_messages::{Applied, AppliedRecord, BUTTON_ENERGIZED, TissueStatus};
 use hyst_recording::{Block, Level, Reader, TickRange};
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -60,6 +60,21 @@ fn a_pose_that_is_no_number_costs_nothing_but_itself() {
     // Tick 21 is a corner: the way goes straight from (10, 9) to (9, 10) mm.
     assert!(is_near(&assessment, "path", 0.038 + 2f64.sqrt() * 1e-3), "{:?}", value(&assessment, "path"));
     assert_eq!((assessment.measured.conduct.not_finite, assessment.measured.force.ticks), (2, 40));
+}
+
+/// The medium, which the scope meets where there is no wall, was one that was touched, and current in it was current at work.
+#[test]
+fn what_the_medium_does_to_the_scope_is_no_touch() {
+    let told = |tick: u64| {
+        // As a servo makes it of the medium; with a wall beside it; a wall alone; what a device lets go of.
+        let (medium_n, force_n) = [(0.2, 0.198), (0.2, 0.198), (0.2, 0.3), (0.0, 0.2), (0.2, 0.0)][tick as usize / 200];
+        let mut record = AppliedRecord { on_scope_n: [0.0, 0.0, medium_n], ..record(tick, [0.0; 3], force_n) };
+        record.sample.controls.buttons = BUTTON_ENERGIZED;
+        record
+    };
+    let assessment = of_blocks("touch", &[Block { applied: (0..1_000).map(told).collect(), ..Block::default() }]);
+    assert!(is_near(&assessment, "touching", 40.0), "{:?}", value(&assessment, "touching"));
+    assert!(is_near(&assessment, "energised_free", 60.0), "{:?}", value(&assessment, "energised_free"));
 }
 
 #[test]
@@ -164,6 +179,29 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     assert!(tissue["wakeup_p99_us_largest"].is_null() && tissue["loop_p99_us_largest"] == 900.0, "{tissue}");
     assert_eq!((json["is_whole"].as_bool(), json["compared"].as_array().map(Vec::len)), (Some(true), Some(1)));
     assert_eq!((csv.lines().count(), csv.lines().last().unwrap().split(',').next()), (31, Some("7999")));
+}
+
+/// For as long as both fluids were dead each row had the last pressure again, and nobody saw the hole.
+#[test]
+fn a_row_before_which_no_fluid_has_spoken_for_a_second_says_nothing_of_the_medium() {
+    let block = |first: u64| Block {
+        applied: (first..first + 1_000).map(|tick| record(tick, [0.0; 3], 0.0)).collect(),
+        fluid: if (1_000..4_000).contains(&first) { Vec::new() } else { vec![fluid(first, 70.0, 1.0)] },
+        tissue: vec![tissue(first, 1, 0.1)],
+        ..Block::default()
+    };
+    let blocks: Vec<Block> = (0..5).map(|second| block(1_000 * second)).collect();
+    let (_, csv) = assessed(&bytes("silent", &blocks), 1);
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    let known = |name: &str| {
+        let column = rows[0].iter().position(|head| *head == name).unwrap();
+        (1..rows.len()).filter(|row| !rows[*row][column].is_empty()).collect::<Vec<_>>()
+    };
+    let spoken: Vec<usize> = (1..=10).chain(41..=50).collect();
+    for name in ["pressure_pa", "deficit_ml", "inflow_ml_min", "alarms", "bled_ml"] {
+        assert_eq!(known(name), spoken, "{name}");
+    }
+    assert_eq!(known("cuts").len(), 50, "what was cut stays cut");
 }
 
 /// Whoever is given the files of a class finds what stands in them.

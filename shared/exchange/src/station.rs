@@ -133,6 +133,10 @@ impl Station {
         let coordinate = |axis: usize| -> Option<[u8; 4]> { bytes.get(4 * axis..4 * axis + 4)?.try_into().ok() };
         std::array::from_fn(|axis| coordinate(axis).map_or(0.0, f32::from_ne_bytes))
     }
+    /// How much pathology of the scene is to be removed, ml: digits.
+    pub fn pathology(&self) -> PathBuf {
+        self.root.join("pathology")
+    }
     /// What the case is judged by, as JSON.
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")

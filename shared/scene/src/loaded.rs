@@ -41,6 +41,14 @@ impl LoadedScene {
     pub fn hand(&self, name: &str) -> Option<&LoadedHand> {
         self.hands.iter().find(|hand| hand.name == name)
     }
+
+    /// Volume of what is to be removed, ml: of all pathology, but in a scene with jaws, which cut nothing, of what of it lies free.
+    pub fn pathology_ml(&self) -> f64 {
+        let has_jaws = self.rigid.first().is_some_and(|rigid| rigid.jaws.is_some());
+        let is_to_go = |object: &&LoadedDeformable| !has_jaws || (object.attach.is_none() && !object.is_held());
+        let pathologies = self.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
+        pathologies.filter(is_to_go).map(|object| 1e6 * hyst_mesh::check(&object.mesh).volume_m3).sum()
+    }
 }
 
 /// A deformable object, ready for simulation.

@@ -20,6 +20,8 @@ pub struct Admitted {
     pub may_cut: bool,
     /// Its pivot, m.
     pub pivot_m: [f32; 3],
+    /// How much of it is to be removed, ml.
+    pub pathology_ml: f64,
 }
 
 /// Loads the scene of a run as the engines will, so that a station is never half-started. What was repaired is said on stderr.
@@ -51,7 +53,7 @@ pub fn admit(settings: &Settings, plan: &Plan, case: Option<&RunCase>) -> Result
     let bytes = |object: &hyst_scene::LoadedDeformable| object.mesh.positions_m.len() * 24 + object.bindings.len() * 12;
     let state_bytes = loaded.objects.iter().map(bytes).sum::<usize>() as u64;
     let (hash, pivot_m, may_cut) = (loaded.hash, loaded.workspace.pivot_m, may_cut(&settings.hand, &loaded));
-    Ok(Admitted { hash, state_bytes, may_cut, pivot_m })
+    Ok(Admitted { hash, state_bytes, may_cut, pivot_m, pathology_ml: loaded.pathology_ml() })
 }
 
 fn may_cut(hand: &str, loaded: &LoadedScene) -> bool {

@@ -3,7 +3,7 @@
 use super::given::Given;
 use super::watched::Watched;
 use crate::cli::ReportArgs;
-use crate::recorded::anatomy;
+use crate::recorded::{Undrawn, anatomy};
 use crate::settings::Refusal;
 use hyst_assessment::{Anatomy, Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
 use hyst_recording::{ReadError, Reader, open_file};
@@ -23,9 +23,7 @@ pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
     let mut csv = Csv { path: args.csv.clone(), out: None, refused: None };
     let mut assessment = read(&args.file, reader, |row| csv.row(row))?;
     csv.finish()?;
-    if args.html.is_some() {
-        assessment.anatomy = anatomy(&args.file, &assessment.session).map(|scene| Anatomy::of(&scene));
-    }
+    let is_lost = args.html.is_some() && !draw(args, &mut assessment);
     let mut sessions = Sessions::new(&name(&args.file), assessment);
     for (path, reader) in args.compare.iter().zip(earlier) {
         sessions.compare(&name(path), read(path, reader, |_| {})?);
@@ -38,16 +36,39 @@ pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
             if missing.len() > 1 { "; and more, see the report" } else { "" }
         );
     }
-    Ok(if missing.is_empty() { 0 } else { 3 })
+    Ok(if missing.is_empty() && !is_lost { 0 } else { 3 })
+}
+
+/// Puts the organ behind the path, or why there is none; false if it is there and the system did not let it be read.
+fn draw(args: &ReportArgs, assessment: &mut Assessment) -> bool {
+    let why = match anatomy(&args.file, &assessment.session) {
+        Ok(scene) => {
+            assessment.anatomy = Some(Anatomy::of(&scene));
+            return true;
+        }
+        Err(why) => why,
+    };
+    assessment.undrawn = Some(why.to_string());
+    let is_refused = matches!(why, Undrawn::Refused(..));
+    if is_refused {
+        eprintln!("hystation: the page has no organ behind the path: {why}");
+    }
+    !is_refused
 }
 
 fn name(path: &Path) -> String {
     path.display().to_string()
 }
 
-fn outputs(args: &ReportArgs) -> impl Iterator<Item = (&'static str, &Path)> {
-    let files = [("--html", &args.html), ("--json", &args.json), ("--csv", &args.csv)];
-    files.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?))).filter(|(_, path)| !is_stdout(path))
+/// Where the page goes, if one is asked for: beside the recording, by its name, where no file is named.
+fn page(args: &ReportArgs) -> Option<PathBuf> {
+    let file = args.html.as_ref()?;
+    Some(file.clone().unwrap_or_else(|| args.file.with_extension("html")))
+}
+
+fn outputs(args: &ReportArgs) -> impl Iterator<Item = (&'static str, PathBuf)> {
+    let files = [("--html", page(args)), ("--json", args.json.clone()), ("--csv", args.csv.clone())];
+    files.into_iter().filter_map(|(option, path)| Some((option, path?))).filter(|(_, path)| !is_stdout(path))
 }
 
 fn is_stdout(path: &Path) -> bool {
@@ -62,7 +83,7 @@ fn check(args: &ReportArgs) -> Result<(), Refusal> {
             args.compare.len()
         )));
     }
-    if args.html.as_deref().is_some_and(is_stdout) || args.csv.as_deref().is_some_and(is_stdout) {
+    if page(args).as_deref().is_some_and(is_stdout) || args.csv.as_deref().is_some_and(is_stdout) {
         return Err(Refusal::input("--html -, --csv -: only --json goes to stdout; give a file"));
     }
     let mut taken: Vec<PathBuf> = std::iter::once(&args.file).chain(&args.compare).map(|path| whole(path)).collect();
@@ -75,7 +96,7 @@ fn check(args: &ReportArgs) -> Result<(), Refusal> {
         if path.is_dir() {
             return Err(refuse("is a folder; give a file"));
         }
-        let path = whole(path);
+        let path = whole(&path);
         if taken.contains(&path) {
             return Err(refuse("is a recording, or is written by another option; give another file"));
         }
@@ -121,8 +142,8 @@ fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<A
 
 /// Writes what was asked for.
 fn give(args: &ReportArgs, sessions: &Sessions) -> Result<(), Refusal> {
-    if let Some(path) = &args.html {
-        write(path, &html(sessions))?;
+    if let Some(path) = page(args) {
+        write(&path, &html(sessions))?;
     }
     let for_programs = || serde_json::to_string_pretty(&json(sessions)).map(|text| text + "\n");
     let for_programs = || for_programs().map_err(|error| Refusal::failed(error.to_string()));

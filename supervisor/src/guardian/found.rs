@@ -206,7 +206,7 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted, build: Option
     let needed = needed_bytes(scene.state_bytes) + copied.bytes();
     room::await_room(needed, &Notifier::of_environment())?;
     let begun = begun(wanted)?;
-    let made = make(station, wanted, &begun, scene.pivot_m, build);
+    let made = make(station, wanted, &begun, scene, build);
     if made.is_err() {
         station.wipe(); // nothing half-founded stays
         if let Some(file) = begun.record.filter(|_| wanted.in_folder) {
@@ -227,7 +227,7 @@ fn make(
     station: &Station,
     wanted: &Wanted<'_>,
     settings: &Settings,
-    pivot_m: [f32; 3],
+    scene: &Admitted,
     build: Option<Beside>,
 ) -> Result<OwnedPage, Refusal> {
     let build = build.and_then(Beside::wait); // without one the recording names none
@@ -238,7 +238,8 @@ fn make(
             .map_err(|e| Refusal::of_system(e.kind(), format!("{}: {e}; look at `df /dev/shm`", path.display())))
     };
     laid_down(station.settings(), text.as_bytes())?;
-    laid_down(station.pivot(), &pivot_m.map(f32::to_ne_bytes).concat())?;
+    laid_down(station.pivot(), &scene.pivot_m.map(f32::to_ne_bytes).concat())?;
+    laid_down(station.pathology(), scene.pathology_ml.to_string().as_bytes())?;
     laid_down(Limits::path(station), Limits::own().text().as_bytes())?;
     build.map_or(Ok(()), |build| laid_down(station.build(), build.as_bytes()))?;
     wanted.plan.write(station).map_err(|e| match &e {

@@ -6,10 +6,11 @@ use crate::notify::Notifier;
 use crate::proc::own_program;
 use hyst_engine::Settings;
 use hyst_exchange::{Station, system};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{ExitStatus, Stdio};
 
-/// How long a page may take, ns: an hour's took 8 to 11 s on two cores (docs/speed.md).
+/// How long a page may take, ns: ten times and more of what an hour's takes on two cores (docs/speed.md).
 const MOST_NS: u64 = 120_000_000_000;
 /// Between two looks whether it is there, ns.
 const LOOK_NS: u64 = 20_000_000;
@@ -47,8 +48,26 @@ impl Session {
     }
 }
 
-/// By a process of its own, which may fail without anything else. A report of a recording that is not whole is one, too.
+/// Which file lies there now: another one does once a page was put in its place.
+fn version(page: &Path) -> Option<(u64, i64, i64)> {
+    let file = std::fs::metadata(page).ok()?;
+    Some((file.ino(), file.mtime(), file.mtime_nsec()))
+}
+
+/// Whether there is a page that was not there before. A report of a recording that is not whole is one, too, and its exit code is that of a page that the
+/// disk did not take.
+fn made(status: ExitStatus, page: &Path, before: Option<(u64, i64, i64)>) -> Result<(), String> {
+    let now = version(page);
+    match status.code() {
+        Some(0 | 3) if now.is_some() && now != before => Ok(()),
+        Some(0 | 3) => Err("the disk did not take it".to_owned()),
+        _ => Err(status.to_string()),
+    }
+}
+
+/// By a process of its own, which may fail without anything else.
 fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), String> {
+    let before = version(page);
     let mut command = own_program();
     command.arg("report").arg(recording).arg("--html").arg(page);
     let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
@@ -57,7 +76,7 @@ fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), St
     let deadline_ns = system::now_ns() + MOST_NS;
     while system::now_ns() < deadline_ns {
         if let Ok(Some(status)) = child.try_wait() {
-            return if matches!(status.code(), Some(0 | 3)) { Ok(()) } else { Err(status.to_string()) };
+            return made(status, page, before);
         }
         notifier.watchdog(|| true);
         system::sleep_ns(LOOK_NS);
@@ -71,6 +90,26 @@ fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), St
 mod tests {
     use super::*;
     use hyst_engine::settings::Replay;
+    use std::os::unix::process::ExitStatusExt;
+
+    /// The end of a session told where its report is, and the disk, full by the recording, had taken none.
+    #[test]
+    fn a_page_that_the_disk_did_not_take_is_not_called_the_report() {
+        let page = std::env::temp_dir().join(format!("hystation-made-{}.html", std::process::id()));
+        let status = |code: i32| ExitStatus::from_raw(code << 8); // as wait(2) has it
+        let _ = std::fs::remove_file(&page);
+        assert!(made(status(3), &page, None).unwrap_err().contains("the disk did not take it"));
+        std::fs::write(&page, "of this session, as far as its recording goes").unwrap();
+        assert_eq!([0, 3].map(|code| made(status(code), &page, None)), [Ok(()), Ok(())]);
+        assert!(made(status(2), &page, None).unwrap_err().contains("exit status: 2"));
+        let before = version(&page);
+        assert!(made(status(3), &page, before).is_err(), "that is the one before");
+        let next = page.with_extension("next");
+        std::fs::write(&next, "of this session").unwrap();
+        std::fs::rename(&next, &page).unwrap();
+        assert_eq!(made(status(3), &page, before), Ok(()));
+        std::fs::remove_file(&page).unwrap();
+    }
 
     #[test]
     fn of_a_recorded_case_it_is_said_how_it_went_and_of_nothing_else() {

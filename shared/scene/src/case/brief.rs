@@ -52,7 +52,7 @@ pub struct Brief {
     pub seed: u32,
     /// What was drawn, a sentence each.
     pub drawn: Vec<String>,
-    /// Volume of what is to be removed at the beginning, ml: of all pathology, but in a scene with jaws, which cut nothing, of what of it lies free.
+    /// Volume of what is to be removed at the beginning, ml: [`LoadedScene::pathology_ml`].
     pub pathology_ml: f64,
     /// Middles of all pathology at the beginning, m; none in a recording of before they were noted.
     #[serde(default)]
@@ -68,6 +68,17 @@ pub struct Brief {
     pub warnings: Vec<Warned>,
     /// Weights and scales of metrics.
     pub score: BTreeMap<String, Score>,
+}
+
+impl Brief {
+    /// The deficit that is allowed, ml: of what the rules warn of, what calls for a stop, and what ends the session, the least. What else is warned of on the
+    /// way there, or only told, limits nothing.
+    pub fn deficit_allowed_ml(&self) -> Option<f64> {
+        let above = |cause: &Cause| if let Cause::DeficitAbove(ml) = cause { Some(*ml) } else { None };
+        let of_rules = self.warnings.iter().find_map(|warning| above(&warning.is)); // theirs come first
+        let stops = self.goals.iter().filter_map(|goal| if let Aim::Stop { after, .. } = &goal.is { above(after) } else { None });
+        stops.chain(of_rules).chain(self.end.deficit_ml).reduce(f64::min)
+    }
 }
 
 /// Something with its words.
@@ -229,9 +240,7 @@ fn mmhg(pa: f64) -> f64 {
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
     let pathologies = || scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
-    let has_jaws = scene.rigid.first().is_some_and(|rigid| rigid.jaws.is_some());
-    let is_to_go = |object: &&LoadedDeformable| !has_jaws || (object.attach.is_none() && !object.is_held());
-    let pathology_ml: f64 = pathologies().filter(is_to_go).map(volume_ml).sum();
+    let pathology_ml = scene.pathology_ml();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
     let goals = case.goal.iter().enumerate().map(goal).collect::<Result<_, _>>()?;
     let medium = scene.fluid.medium;
@@ -260,10 +269,6 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
         warnings,
         score: case.score.clone(),
     })
-}
-
-fn volume_ml(object: &LoadedDeformable) -> f64 {
-    1e6 * hyst_mesh::check(&object.mesh).volume_m3
 }
 
 fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Asked, SceneError> {

@@ -1,6 +1,6 @@
-//! A case in words: as `hystation check` shows it, what is doubtful in its scores, what ends its session, and the pump's alarms.
+//! A case in words: as `hystation check` shows it, what is doubtful in its scores and stays, what ends its session, and the pump's alarms.
 
-use super::brief::{Aim, Asked, Brief, Warned};
+use super::brief::{Aim, Asked, Brief, Named, Region, Warned};
 use super::file::{Alarm, End, Score};
 use std::fmt;
 
@@ -19,7 +19,8 @@ impl fmt::Display for Brief {
 }
 
 impl Brief {
-    /// What its scores ask for that its session lets nobody have, or leaves to everybody, and a session that may never end, one sentence each.
+    /// What its scores ask for that its session lets nobody have, or leaves to everybody, stays for which it has no time, and a session that may never end,
+    /// one sentence each.
     pub fn doubts(&self) -> Vec<String> {
         let weighed = |key: &str| self.score.get(key).filter(|score| score.weight != Some(0.0));
         let scale = |key: &str| weighed(key).and_then(|score| score.full.zip(score.none));
@@ -42,11 +43,44 @@ impl Brief {
         if weighed("landmarks").is_some() && !self.goals.iter().any(|goal| matches!(goal.is, Aim::Look { .. })) {
             doubts.push("score.landmarks has no value: no goal has landmarks looked at".to_owned());
         }
+        let stays_s = self.stays_s();
+        if let Some(time_s) = self.end.time_s.filter(|time_s| stays_s >= *time_s) {
+            doubts.push(format!(
+                "the stays that goals ask for, in places that lie apart, take {stays_s} s, and the session ends at {time_s} s"
+            ));
+        }
         let waits = |asked: &Asked| matches!(asked.is, Aim::Stop { .. } | Aim::Staunch { .. });
         if self.goals.iter().all(waits) && self.end.time_s.is_none() {
             doubts.push("every goal waits for what may never come, and no time ends the session: give [end] a time_s".to_owned());
         }
         doubts
+    }
+
+    /// The time of stays that can only be made one after the other, s: of the goals whose places lie apart from those of each of these before it.
+    fn stays_s(&self) -> f64 {
+        let (mut apart, mut ticks): (Vec<&Named<Region>>, u64) = (Vec::new(), 0);
+        for goal in &self.goals {
+            let Aim::Visit { places, stay_ticks } = &goal.is else { continue };
+            if places.iter().all(|place| apart.iter().all(|other| are_apart(&place.is, &other.is))) {
+                apart.extend(places);
+                ticks += stay_ticks * places.len() as u64;
+            }
+        }
+        ticks as f64 * 1e-3
+    }
+}
+
+/// Whether no tip is in both; of a ball and a range of the insertion that is not asked.
+fn are_apart(one: &Region, other: &Region) -> bool {
+    match (one, other) {
+        (Region::Ball(one_m, one_radius_m), Region::Ball(other_m, other_radius_m)) => {
+            let square_m2: f64 = one_m.iter().zip(other_m).map(|(one_m, other_m)| (one_m - other_m).powi(2)).sum();
+            square_m2.sqrt() > one_radius_m + other_radius_m
+        }
+        (Region::Insertion([from_m, to_m]), Region::Insertion([other_from_m, other_to_m])) => {
+            to_m < other_from_m || other_to_m < from_m
+        }
+        _ => false,
     }
 }
 
@@ -141,6 +175,30 @@ mod tests {
         waits.end.time_s = None;
         let doubts = waits.doubts();
         assert!(doubts.len() == 1 && doubts[0].contains("give [end] a time_s"), "{doubts:?}");
+    }
+
+    /// A case was accepted without a word whose goals have the tip stay in two places for longer than its session lasts.
+    #[test]
+    fn stays_in_places_that_lie_apart_take_their_times_one_after_the_other() {
+        let good = brief("polyp");
+        let of = |regions: [Region; 2], stay_ticks: u64| {
+            let goal = |is: Region| {
+                let places = vec![Named { words: "there".to_owned(), is }];
+                Asked { words: "go there".to_owned(), is: Aim::Visit { places, stay_ticks }, weight: 1.0 }
+            };
+            Brief { goals: regions.map(goal).to_vec(), ..good.clone() }.doubts()
+        };
+        let balls = |x_m: f64| [0.0, x_m].map(|x_m| Region::Ball([x_m, 0.0, 0.04], 0.004));
+        let ranges = |from_m: f64| [0.02, from_m].map(|from_m| Region::Insertion([from_m, from_m + 0.01]));
+        assert_eq!(good.end.time_s, Some(900.0));
+        for apart in [balls(0.009), ranges(0.031)] {
+            let doubts = of(apart, 450_000);
+            assert!(doubts.len() == 1 && doubts[0].contains("take 900 s, and the session ends at 900 s"), "{doubts:?}");
+            assert_eq!(of(apart, 449_000), Vec::<String>::new(), "there is time");
+        }
+        for together in [balls(0.007), ranges(0.029), [balls(0.0)[0], ranges(0.05)[0]]] {
+            assert_eq!(of(together, 450_000), Vec::<String>::new(), "{together:?}: one stay may be both");
+        }
     }
 
     #[test]

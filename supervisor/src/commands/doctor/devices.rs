@@ -117,10 +117,13 @@ impl Pad {
     }
 }
 
+/// Where the cure's rule goes: behind the package's file, which one of its name would take the place of, and before 73-seat-late.rules, which grants it.
+const OWN_RULES: &str = "/etc/udev/rules.d/71-hystation-local.rules";
+
 /// How a user gets the right to open a node: by a rule for whoever sits at the machine, or by a group.
 fn cure_of(rule: &str, group: &str) -> String {
     format!(
-        "put `{rule}` into /etc/udev/rules.d/70-hystation.rules, `sudo udevadm control --reload && sudo udevadm trigger`, and plug it in \
+        "put `{rule}` into {OWN_RULES}, `sudo udevadm control --reload && sudo udevadm trigger`, and plug it in \
          again; or `sudo usermod -aG {group} $USER` and log in again"
     )
 }

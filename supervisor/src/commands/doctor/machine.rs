@@ -16,6 +16,10 @@ const LOCKED_BYTES: u64 = locking::HEADROOM_BYTES + (1 << 30);
 /// More than an hour of a recording takes, bytes.
 const HOUR_BYTES: u64 = (MOST_BYTES_PER_S * SHORT_S) as u64;
 
+/// The file of limits that the package brings, and the group that it grants them to.
+const LIMITS: &str = "/etc/security/limits.d/hystation.conf";
+const GROUP: &str = "users";
+
 /// Least share of each second that real-time threads need, µs.
 const LEAST_RUNTIME_US: i64 = 900_000;
 
@@ -25,9 +29,9 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
     let shm = rustix::fs::statvfs(machine.path("/dev/shm")).ok();
     vec![
         programs(machine, &folder),
-        real_time(granted(), system::user_id() == 0, may_be_nice(&machine.text("/proc/self/status"))),
+        real_time(machine, granted(), system::user_id() == 0, may_be_nice(&machine.text("/proc/self/status"))),
         preemption(machine),
-        locked_memory(getrlimit(Resource::Memlock).current, locking::is_exempt()),
+        locked_memory(machine, getrlimit(Resource::Memlock).current, locking::is_exempt()),
         shared_memory(machine, shm.as_ref().map(room)),
         copies(shm.is_some_and(|mounted| mounted.f_flag.contains(StatVfsMountFlags::NOEXEC))),
         throttling(machine),
@@ -72,14 +76,38 @@ fn may_be_nice(status: &str) -> bool {
     system::has_capability(status, BIT)
 }
 
-fn real_time([any, all]: [bool; 2], is_root: bool, has_right: bool) -> Finding {
+/// How this user comes by a limit (`rtprio 95`): by a line for a group, which the package brings, by being in that group, and by a login after that.
+fn limit_cure(machine: &Machine, limit: &str) -> String {
+    let wanted = format!("@{GROUP} - {limit}");
+    let is_wanted = |line: &str| line.split_whitespace().eq(wanted.split_whitespace());
+    let is_there = machine.text(LIMITS).lines().any(is_wanted);
+    let put = (!is_there).then(|| format!("put `{wanted}` into {LIMITS}"));
+    let join = (!has_group(machine, GROUP)).then(|| format!("`sudo usermod -aG {GROUP} $USER`"));
+    let steps: Vec<String> = put.into_iter().chain(join).chain(["log in again".to_owned()]).collect();
+    steps.join(" and ")
+}
+
+/// Whether this process has a group, by the number that the group has.
+fn has_group(machine: &Machine, name: &str) -> bool {
+    let (groups, status) = (machine.text("/etc/group"), machine.text("/proc/self/status"));
+    let number = groups.lines().find_map(|line| {
+        let mut fields = line.split(':'); // name, password, number, members
+        if fields.next() == Some(name) { fields.nth(1) } else { None }
+    });
+    let is_own = |line: &&str| line.starts_with("Gid:") || line.starts_with("Groups:");
+    let mut numbers = status.lines().filter(is_own).flat_map(|line| line.split_whitespace().skip(1));
+    number.is_some_and(|number| numbers.any(|own| own == number))
+}
+
+fn real_time(machine: &Machine, [any, all]: [bool; 2], is_root: bool, has_right: bool) -> Finding {
     let cure = if has_right {
         "the right is there, so the control group has no real time (a kernel with CONFIG_RT_GROUP_SCHED: docker --cpu-rt-runtime=950000, or start it outside \
          of the group), or a filter of system calls refuses it (docker --security-opt seccomp=unconfined)"
+            .to_owned()
     } else if is_root {
-        "give docker --cap-add SYS_NICE, or the service AmbientCapabilities=CAP_SYS_NICE"
+        "give docker --cap-add SYS_NICE, or the service AmbientCapabilities=CAP_SYS_NICE".to_owned()
     } else {
-        "run as root, or put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf and log in again, or give docker --cap-add SYS_NICE"
+        format!("run as root, or {}, or give docker --cap-add SYS_NICE", limit_cure(machine, "rtprio 95"))
     };
     match (any, all) {
         (_, true) => Finding::good("real time", format!("SCHED_FIFO is granted up to priority {WATCH_PRIORITY}")),
@@ -121,12 +149,12 @@ fn mode_of_preemption<'a>(version: &str, command_line: &'a str, switch: &'a str)
     in_force.or(asked).or(built_in)
 }
 
-fn locked_memory(limit: Option<u64>, is_exempt: bool) -> Finding {
+fn locked_memory(machine: &Machine, limit: Option<u64>, is_exempt: bool) -> Finding {
     let found = limit.map_or("unlimited".to_string(), |bytes| format!("limit {} MiB", bytes >> 20));
     if limit.is_none_or(|bytes| bytes >= LOCKED_BYTES) || is_exempt {
         return Finding::good("locked memory", found);
     }
-    let cure = "put `@users - memlock unlimited` into /etc/security/limits.d/hystation.conf and log in again, or give docker --ulimit memlock=-1";
+    let cure = format!("{}, or give docker --ulimit memlock=-1", limit_cure(machine, "memlock unlimited"));
     Finding::weak("locked memory", found, cure)
 }
 

@@ -144,6 +144,14 @@ fn the_driver_of_the_service_is_the_one_that_its_last_command_names_and_it_must_
     assert_line(&said(&made)[1], "Bad driver: /opt/none", &[]);
 }
 
+/// Who followed the cure for a gamepad lost the package's rules for every other device: the file that was named takes the place of the package's.
+#[test]
+fn the_cures_rules_stand_beside_the_packages_and_before_those_that_grant_them() {
+    let (_, name) = OWN_RULES.rsplit_once('/').unwrap();
+    assert!("70-hystation.rules" < name && name < "73-seat-late.rules", "{name}");
+    assert!(cure_of("a rule", "input").contains(&format!("put `a rule` into {OWN_RULES}, ")));
+}
+
 /// Nobody asked the driver of the service that the README names first.
 #[test]
 fn the_driver_of_the_users_own_service_is_asked_too_and_each_has_its_cure() {

@@ -40,18 +40,21 @@ fn a_program_is_a_file_that_may_be_run() {
 
 #[test]
 fn real_time_that_is_granted_in_part_is_told_from_none_and_root_is_told_another_cure() {
-    assert_good(real_time([true, true], false, false));
-    assert_says(real_time([true, false], false, false), State::Weak, &["not up to priority 90", "rtprio 95"]);
-    assert_says(real_time([false, false], false, false), State::Weak, &["is refused", "rtprio 95", "--cap-add SYS_NICE"]);
-    let root = real_time([false, false], true, false);
+    let made = MadeUp::new("real-time");
+    let found = |granted: [bool; 2], is_root: bool| real_time(&made.0, granted, is_root, false);
+    assert_good(found([true, true], false));
+    assert_says(found([true, false], false), State::Weak, &["not up to priority 90", "rtprio 95"]);
+    assert_says(found([false, false], false), State::Weak, &["is refused", "rtprio 95", "--cap-add SYS_NICE"]);
+    let root = found([false, false], true);
     assert!(root.cure.as_ref().is_some_and(|cure| !cure.contains("run as root") && cure.contains("CAP_SYS_NICE")), "{root:?}");
 }
 
 /// Who had the right and was refused all the same was told to ask for the right.
 #[test]
 fn where_the_right_to_real_time_is_there_it_is_not_the_right_that_is_lacking() {
-    assert_says(real_time([false, false], true, true), State::Weak, &["is refused", "--cpu-rt-runtime", "seccomp"]);
-    assert_good(real_time([true, true], true, true));
+    let made = MadeUp::new("granted");
+    assert_says(real_time(&made.0, [false, false], true, true), State::Weak, &["is refused", "--cpu-rt-runtime", "seccomp"]);
+    assert_good(real_time(&made.0, [true, true], true, true));
     let status = |set: &str| format!("CapPrm:\tffff\nCapEff:\t{set}\n");
     assert!(may_be_nice(&status("000001ffffffffff")) && may_be_nice(&status("0000000000800000")));
     assert!(!may_be_nice(&status("00000000a80425fb")) && !may_be_nice(""), "docker gives its root no more than that");
@@ -60,10 +63,30 @@ fn where_the_right_to_real_time_is_there_it_is_not_the_right_that_is_lacking() {
 /// Of docker's root it was said that it may lock its memory, which needs a right that docker does not give.
 #[test]
 fn locked_memory_is_enough_for_all_or_no_limit_binds_the_user() {
-    assert_says(locked_memory(Some(8 << 20), false), State::Weak, &["limit 8 MiB", "memlock unlimited"]);
+    let made = MadeUp::new("locked");
+    assert_says(locked_memory(&made.0, Some(8 << 20), false), State::Weak, &["limit 8 MiB", "memlock unlimited"]);
     for (limit, is_exempt) in [(Some(8 << 20), true), (Some(LOCKED_BYTES), false), (None, false)] {
-        assert_good(locked_memory(limit, is_exempt));
+        assert_good(locked_memory(&made.0, limit, is_exempt));
     }
+}
+
+/// Who had the package, and was not in the group to which it grants the limits, was told to write once more what stands in its file.
+#[test]
+fn a_limit_is_had_by_its_line_its_group_and_a_login_and_the_cure_is_what_of_it_is_missing() {
+    let made = MadeUp::new("limits");
+    let cure = || limit_cure(&made.0, "rtprio 95");
+    let line = "put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf";
+    let (join, again) = ("`sudo usermod -aG users $USER`", "log in again");
+    assert_eq!(cure(), format!("{line} and {join} and {again}"));
+    made.write("etc/group", "root:x:0:\nusers:x:100:\n");
+    made.write("proc/self/status", "Name:\t100\nGid:\t1000\t1000\t1000\t1000\nGroups:\t24 100 1000 \n");
+    assert_eq!(cure(), format!("{line} and {again}"));
+    made.write("etc/security/limits.d/hystation.conf", include_str!("../../../../../assets/debian/limits.conf"));
+    assert_eq!([cure(), limit_cure(&made.0, "memlock unlimited")], [again, again]);
+    made.write("proc/self/status", "Name:\t100\nGid:\t1000\t1000\t1000\t1000\nGroups:\t10 1000 \n");
+    assert_eq!(cure(), format!("{join} and {again}"));
+    made.write("proc/self/status", "Gid:\t100\t100\t100\t100\nGroups:\t\n");
+    assert_eq!(cure(), again, "it is the user's own group");
 }
 
 #[test]
