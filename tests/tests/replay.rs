@@ -1,5 +1,5 @@
-//! A recorded session is done again to the bit: one in lock-step, one in real time while engines were killed and something was cut, and again while
-//! engines are killed in the replay itself. And what cannot be replayed is refused, or done as far as it goes.
+//! A recorded session is done again to the bit: one in lock-step, one in real time while engines died, lied and something was cut, and again while
+//! engines die and lie in the replay itself. And what cannot be replayed is refused, or done as far as it goes.
 
 use hyst_messages::Role;
 use serde_json::Value;
@@ -61,9 +61,10 @@ fn a_session_in_lock_step_is_done_again_also_while_engines_die_in_the_replay() {
     assert_eq!(same(&said), (2_500, 2_500), "{said}");
     assert!(said.contains("figures of the pump"), "{said}");
 
-    let kills = [(1_300, "kill", "tissue:active"), (1_500, "kill", "haptic:active"), (1_800, "kill", "collision-worker:0")];
-    let kills = faults(&folder, &kills);
-    let (code, said, complained) = verify("hurt", &file, &["--test-mode", "--faults", &kills, "--workers", "1"]);
+    let kills = [(1_300, "tissue:active"), (1_500, "haptic:active"), (1_800, "collision-worker:0"), (2_000, "fluid:active")];
+    let kills = kills.map(|(tick, target)| (tick, "kill", target));
+    let hurt = faults(&folder, &[&kills[..], &[(2_200, "nan", "haptic:active")]].concat());
+    let (code, said, complained) = verify("hurt", &file, &["--test-mode", "--faults", &hurt, "--workers", "1"]);
     assert_eq!((code, same(&said)), (Some(0), (2_500, 2_500)), "{said}{complained}");
 
     // Its force was another: found at that tick.
@@ -150,6 +151,9 @@ fn a_session_in_real_time_with_faults_and_cuts_is_done_again_to_the_bit() {
         (5_500, "block", "device"),
         (6_000, "stop", "tissue:active"),
         (7_000, "kill", "device"),
+        // It lies, and the other's force is taken.
+        (8_000, "nan", "haptic:active"),
+        (8_600, "kill", "fluid:active"),
     ];
     let hurt = faults(&folder, &hurt);
     let arguments = ["--for", "10s", "--hand", "script:polyp", "--test-mode", "--faults", &hurt, "--report", &report];
@@ -217,6 +221,7 @@ fn assert_shown_from(folder: &Folder, name: &str, from_s: u64, few_cuts: f64, bo
     let (code, _, said) = run(command.args(["--headless", "--report", &is]));
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains(&format!("begins at the checkpoint of {:.3} s", begin_tick as f64 * 1e-3)), "{said}");
+    assert!(said.contains("times the recorded speed, not at 20: "), "no machine computes so fast: {said}");
     let [was, is]: [Value; 2] = ["was.json", "is.json"].map(|name| serde_json::from_str(&folder.read(name)).unwrap());
     let of = |report: &Value, key: &str| report[key].as_f64().unwrap_or_else(|| panic!("{key}: {report}"));
     assert!(of(&was, "cuts") > few_cuts, "{said}");

@@ -1,13 +1,14 @@
-//! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid, rendering's pictures.
+//! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid, rendering's pictures, and
+//! what the device on the desk states of itself.
 
 use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
-use hyst_recording::sequence::RING_TICKS;
+use hyst_messages::page::{device, fluid, hardware, header, tissue};
+use hyst_messages::{AppliedRecord, DeviceStatement, Kind, Message, Role, Slot, StepRecord};
+use hyst_recording::sequence::{self, RING_TICKS};
 use hyst_recording::{Block, Collector, History, jpeg};
 use std::cell::Cell;
 
@@ -81,6 +82,7 @@ pub struct Gather {
     streams: Vec<(Slot, Subscriber)>,
     statuses: Vec<StatusPage>,
     pictures: Option<Subscriber>,
+    hardware: Option<ReadPage>,
     /// Steps of tissues that have gone.
     steps: Vec<StepRecord>,
     /// The tick from which on steps are taken: a predecessor has written those before.
@@ -96,6 +98,7 @@ impl Gather {
             (Role::Device, Wanted::Page),
             (Role::Tissue, Wanted::Page),
             (Role::Fluid, Wanted::Page),
+            (Role::Hardware, Wanted::Page),
             (Role::Haptic, Wanted::Stream(Kind::Force)),
             (Role::Rendering, Wanted::Stream(Kind::Picture)),
         ];
@@ -111,6 +114,7 @@ impl Gather {
             streams: Vec::new(),
             statuses: Vec::new(),
             pictures: None,
+            hardware: None,
             steps: Vec::new(),
             first_step,
         })
@@ -124,9 +128,10 @@ impl Gather {
         }
         self.read_streams(life);
         let taken = self.collector.collect(&self.lives);
-        block.events.extend(taken.events(life.tick()));
+        block.events.extend(sequence::lost(life.tick(), &taken.lost));
         block.applied.extend(taken.records);
         block.lost.extend(taken.lost);
+        block.unmade.extend(taken.unmade);
         self.forget_lives();
         self.read_statuses(roster, block);
     }
@@ -161,6 +166,11 @@ impl Gather {
                 }
                 self.streams.push((slot, stream));
             }
+            Port::Page(page) if slot.role() == Role::Hardware => {
+                if let Some(before) = self.hardware.replace(page) {
+                    self.inbox.retire(Departure::Page(before));
+                }
+            }
             // The life before is kept until its ring is read to its end.
             Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife { page, began: Cell::new(None) }),
             Port::Page(page) => {
@@ -179,6 +189,13 @@ impl Gather {
             }
             Port::Client(..) => {} // none was asked for
         }
+    }
+
+    /// What the newest life of the hardware states of itself, and which life that is; `None` before it has, or where it cannot be used.
+    pub fn stated(&self) -> Option<(u32, DeviceStatement)> {
+        let page = self.hardware.as_ref()?;
+        let (_, stated) = page.cell(hardware::STATEMENT)?;
+        stated.check().ok().map(|()| (page.incarnation(), stated))
     }
 
     /// Whether somebody draws.

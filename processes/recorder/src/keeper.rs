@@ -30,7 +30,7 @@ const STILL_NS: u64 = 2_000_000_000;
 /// How long the disk may take at the end of a session, ns: a process that is told to stop has 2 s. And how often it may refuse.
 const CLOSE_NS: u64 = 1_200_000_000;
 const LAST_TRIES: usize = 2;
-/// Ticks that wait in memory: a minute, 13 MB.
+/// Ticks that wait in memory: a minute, 23 MB.
 const MAX_TICKS: usize = 60_000;
 /// Statuses and events that wait in memory, of each kind.
 const MAX_OTHERS: usize = 10_000;
@@ -318,6 +318,7 @@ fn drop_oldest(queue: &mut Block) {
     queue.judged.drain(..queue.judged.len().saturating_sub(MAX_CHECKPOINTS));
     queue.pictures.drain(..queue.pictures.len().saturating_sub(MAX_PICTURES));
     queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
+    queue.unmade.drain(..queue.unmade.len().saturating_sub(MAX_OTHERS));
 }
 
 #[cfg(test)]
@@ -341,7 +342,7 @@ mod tests {
     fn a_long_recording_has_fewer_blocks_each_of_which_fits_in_one_and_in_the_ring() {
         assert_eq!([0, LONG_TICKS, LONG_TICKS + 1, u64::MAX].map(interval_ns), [200, 200, 500, 500].map(|ms| ms * 1_000_000));
         let longest_ticks = (LONG_INTERVAL_NS + crate::session::LOOK_NS) / hyst_messages::TICK_NS;
-        assert!(longest_ticks <= crate::scribe::BLOCK_TICKS as u64 && 4 * longest_ticks <= RING_TICKS, "{longest_ticks}");
+        assert!(longest_ticks <= crate::parts::BLOCK_TICKS as u64 && 4 * longest_ticks <= RING_TICKS, "{longest_ticks}");
     }
 
     /// A long recording without its scene was walked through to its end without a sign of life, and its recorder was ended for it.

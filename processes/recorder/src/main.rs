@@ -5,6 +5,7 @@ mod gather;
 mod keeper;
 mod kept;
 mod moments;
+mod parts;
 mod room;
 mod said;
 mod scribe;

@@ -2,17 +2,14 @@
 //! device's ring lasts costs the recording nothing, because the ring is read on. Now and then it has the disk asked, on another thread, to keep what it took,
 //! and says so if not; neither a block nor the end waits for that.
 
+use crate::parts::parts;
 use crate::syncer::{Answer, Syncer};
 use hyst_exchange::system;
 use hyst_messages::RecorderStatus;
 use hyst_recording::{Block, Closed, TickRange, WriteError, Writer};
-use std::collections::VecDeque;
-use std::mem::{replace, take};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-/// Ticks in one block of the file.
-pub const BLOCK_TICKS: usize = 1_000;
 /// Between two looks whether the disk has answered, if nothing is given meanwhile, ns.
 const LOOK_NS: u64 = 50_000_000;
 
@@ -223,26 +220,6 @@ fn append(writer: &mut Writer, block: Block) -> Written {
     None
 }
 
-/// The ticks with the statuses in some parts, what is noted of them with the last, so that a successor which goes on after a part's ticks does not write it
-/// again; then each checkpoint, file and picture by itself, so that one that is damaged costs no ticks.
-fn parts(mut block: Block) -> VecDeque<Block> {
-    let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.lost));
-    let (checkpoints, pictures, scene) = (take(&mut block.checkpoints), take(&mut block.pictures), take(&mut block.scene));
-    let judged = take(&mut block.judged);
-    let mut parts = VecDeque::new();
-    while block.applied.len() > BLOCK_TICKS {
-        let rest = Block { applied: block.applied.split_off(BLOCK_TICKS), ..Block::default() };
-        parts.push_back(replace(&mut block, rest));
-    }
-    (block.events, block.processes, block.lost) = noted;
-    parts.push_back(block);
-    parts.extend(checkpoints.into_iter().map(|checkpoint| Block { checkpoints: vec![checkpoint], ..Block::default() }));
-    parts.extend(judged.into_iter().map(|judged| Block { judged: vec![judged], ..Block::default() }));
-    parts.extend(scene.into_iter().map(|file| Block { scene: vec![file], ..Block::default() }));
-    parts.extend(pictures.into_iter().map(|picture| Block { pictures: vec![picture], ..Block::default() }));
-    parts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -283,30 +260,6 @@ mod tests {
         // The thread lets go of the file once it has written its summary, or was refused that too.
         let read = (0..10_000).find_map(|_| Recording::read(&path).ok()).unwrap();
         assert_eq!(read.applied().last().map(|record| record.tick), last_tick);
-        std::fs::remove_file(&path).unwrap();
-    }
-
-    #[test]
-    fn what_is_noted_of_ticks_comes_with_the_last_of_them_and_a_checkpoint_or_a_picture_by_itself() {
-        let path = std::env::temp_dir().join(format!("hyst-scribe-parts-{}.mcap", std::process::id()));
-        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
-        let lost = vec![TickRange { first: 5, last: 6 }];
-        let checkpoint = |tick| hyst_recording::Checkpoint { role: hyst_messages::Role::Tissue, tick, state: vec![1; 8] };
-        let picture =
-            hyst_recording::Picture { tick: 2_000, event_tick: 1_990, words: String::new(), jpeg: vec![0xff, 0xd8, 0xff, 0xd9] };
-        let (checkpoints, pictures) = (vec![checkpoint(2_400), checkpoint(2_450)], vec![picture]);
-        let whole = Block { checkpoints, pictures, lost, ..block(1..2_500) };
-        assert!(append(&mut writer, whole).is_none());
-        drop(writer);
-        let mut reader = hyst_recording::Reader::open(&path).unwrap();
-        let mut parts = Vec::new();
-        while let Some(block) = reader.next_block().unwrap() {
-            parts.push((block.applied.len(), block.lost.len(), block.checkpoints.len(), block.pictures.len()));
-        }
-        assert_eq!(
-            parts,
-            [(1_000, 0, 0, 0), (1_000, 0, 0, 0), (499, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
-        );
         std::fs::remove_file(&path).unwrap();
     }
 

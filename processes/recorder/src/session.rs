@@ -9,12 +9,12 @@ use crate::moments::Mark;
 use crate::room::Room;
 use crate::said::Said;
 use crate::statistics::Statistics;
-use crate::watch::Look;
+use crate::watch::{Look, Looks};
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{Roster, machine, system};
 use hyst_messages::page::{ProcessState, header, recorder as layout, station};
-use hyst_messages::{RecorderStatus, Slot, layout_name};
-use hyst_recording::{Event, SceneFile, Session, scene_files};
+use hyst_messages::{DeviceStatement, RecorderStatus, Slot, layout_name};
+use hyst_recording::{Event, STATED, SceneFile, Session, scene_files};
 use hyst_scene::SourceFile;
 
 /// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
@@ -39,11 +39,11 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         keeper.queue.scene = scene(life);
     }
     let (mut kept, mut statistics) = (Kept::default(), Statistics::default());
-    let mut camera = Camera::of(life, keeper.is_continued());
     let roster = Roster::open(&life.station)?;
-    let mut before: Option<Look> = None;
-    let first = if keeper.is_continued() { "present" } else { "started" };
-    life.say(&format!("recording {}, {}", path.display(), if keeper.is_continued() { "continued" } else { "new" }));
+    let is_continued = keeper.is_continued();
+    let mut camera = Camera::of(life, is_continued);
+    let mut looks = if is_continued { Looks::going_on(&life.station, keeper.last_tick()) } else { Looks::begun() };
+    life.say(&format!("recording {}, {}", path.display(), if is_continued { "continued" } else { "new" }));
     life.page.set_state(ProcessState::Live);
     loop {
         let begun_ns = system::now_ns();
@@ -55,10 +55,10 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         let mark = Mark::of(&keeper.queue);
         gather.take(life, &roster, &mut keeper.queue);
         camera.look(life, &gather, &mut keeper.queue, mark);
-        let look = Look::take(&life.clock, &roster);
-        let events = look.events(before.as_ref(), first, life.tick());
-        keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
-        before = Some(look);
+        let stated = gather.stated();
+        let look = Look::take(&life.clock, &roster, stated.map(|(incarnation, _)| incarnation));
+        let events = looks.follow(look, life.tick());
+        said.hold(events.into_iter().map(|event| in_words(life, stated.map(|(_, stated)| stated), event)));
         let newest = keeper.queue.applied.last().map(|record| record.tick).or(keeper.last_tick());
         let states = kept.take(&life.station, life.tick());
         if !states.is_empty() {
@@ -68,11 +68,16 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         keeper.queue.processes.extend(statistics.take(life));
         // Who is followed by another leaves it what comes after its last tick.
         said.take(if life.clock.stop_requested() { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
-        if is_last {
+        let on_disk = keeper.last_tick();
+        let mut keep = || {
             camera.keep(life);
+            looks.keep(&life.station, on_disk);
+        };
+        if is_last {
+            keep();
             return keeper.close(life);
         }
-        keeper.keep(life, || camera.keep(life))?;
+        keeper.keep(life, keep)?;
         life.drag(begun_ns);
         alive(life);
         rest(life, changes);
@@ -110,18 +115,18 @@ fn rest(life: &Life, changes: u32) {
     life.clock.wait_for_change(changes, deadline_ns);
 }
 
-/// What a process said before it died, if its page is still there.
-fn with_last_words(life: &Life, mut event: Event) -> Event {
-    if event.kind == "died"
-        && let Some(slot) = Slot::parse(&event.process)
-        && let Ok(page) = life.station.read_slot(slot, event.incarnation)
-    {
-        let words = page.last_words();
-        if !words.is_empty() {
-            event.text = format!("{}: {words}", event.text);
-        }
+/// An event with what its process says: before it died, if its page is still there, or of the device on the desk.
+fn in_words(life: &Life, stated: Option<DeviceStatement>, event: Event) -> Event {
+    let page = || life.station.read_slot(Slot::parse(&event.process)?, event.incarnation).ok();
+    let words = match event.kind.as_str() {
+        "died" => page().map(|page| page.last_words()),
+        STATED => stated.map(|stated| stated.words()),
+        _ => None,
+    };
+    match words.filter(|words| !words.is_empty()) {
+        Some(words) => Event { text: format!("{}: {words}", event.text), ..event },
+        None => event,
     }
-    event
 }
 
 /// The files of the scene, with which the session can be done again anywhere; none, and why is said, where they are larger than what any reader takes at once.

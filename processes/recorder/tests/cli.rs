@@ -3,10 +3,12 @@
 
 #[path = "../../../shared/engine/tests/support/cli.rs"]
 mod cli;
+#[path = "../../../shared/messages/tests/support/stated.rs"]
+mod stated;
 
 use hyst_exchange::checkpoint::CheckpointWriter;
-use hyst_exchange::{OwnedPage, ReadPage, Station, system};
-use hyst_messages::page::{ProcessState, device, recorder, station as layout};
+use hyst_exchange::{OwnedPage, ReadPage, Roster, Station, Tenure, system};
+use hyst_messages::page::{ProcessState, device, hardware, recorder, station as layout};
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
 use hyst_recording::{Ending, Recording, scene_files};
 use std::path::{Path, PathBuf};
@@ -45,6 +47,19 @@ impl Stage {
         let page = self.station.create_slot(slot, incarnation).unwrap();
         self.announce(slot, incarnation);
         page
+    }
+    /// A device on the desk that says what it is.
+    fn plug(&self, incarnation: u32) {
+        let slot = Slot::first(Role::Hardware);
+        self.station.create_slot(slot, incarnation).unwrap().write(hardware::STATEMENT, &stated::stated());
+        self.announce(slot, incarnation);
+    }
+    /// Waits until the recorder has kept, for who follows, that it knows what the device of this life is; likewise without a bound.
+    fn wait_for_stated(&self, incarnation: u32) {
+        let is_known = |kept: String| kept.ends_with(&format!(",{incarnation}]]"));
+        while !std::fs::read_to_string(self.station.recorder_seen()).is_ok_and(is_known) {
+            system::sleep_ns(2_000_000);
+        }
     }
     /// Starts a recorder; gives its page.
     fn start(&mut self, incarnation: u32) -> ReadPage {
@@ -180,6 +195,46 @@ fn a_recorder_that_follows_goes_on_judging_from_where_the_one_before_was() {
     let judged = recording.content.judged.last().expect("nothing is recorded of what was judged");
     let judge: serde_json::Value = serde_json::from_str(&judged.judge).unwrap();
     assert!(judged.tick >= 99 && judge["first_tick"] == 10, "{judge}");
+}
+
+/// What had died and come back while no recorder lived was in no event, and which device it was in none at all.
+#[test]
+fn what_happened_while_no_recorder_lived_and_which_device_was_on_the_desk_is_said_once() {
+    // The clock does not come to these ticks: what is seen is written with the next.
+    const FAR: u64 = 1_000_000_000;
+    let mut stage = Stage::new("between", true);
+    let (roster, console) = (Roster::open(&stage.station).unwrap(), Slot::first(Role::Console));
+    let device = stage.device(1);
+    stage.plug(4);
+    stage.announce(console, 5);
+    let holder = roster.promote(Role::Tissue, Tenure::default(), 6).unwrap();
+    let page = stage.start(2);
+    push(&device, FAR..FAR + 50);
+    stage.wait_for_stated(4);
+    push(&device, FAR + 50..FAR + 100);
+    wait_for(&page, |status| status.last_tick == FAR + 99);
+    stage.kill();
+    stage.plug(8);
+    stage.announce(console, 9);
+    roster.promote(Role::Tissue, holder, 7).unwrap();
+    let page = stage.start(3);
+    push(&device, FAR + 100..FAR + 200);
+    wait_for(&page, |status| status.last_tick == FAR + 199);
+    stage.wait_for_stated(8);
+    assert_eq!(stage.stop(), Some(0));
+    let events = Recording::read(&stage.file()).unwrap().content.events;
+    let of = |process: &str| {
+        let events = events.iter().filter(|event| event.process == process);
+        events.map(|event| (event.kind.as_str(), event.incarnation)).collect::<Vec<_>>()
+    };
+    assert_eq!(of("console"), [("started", 5), ("ended", 5), ("started", 9)]);
+    assert_eq!(of("tissue"), [("promoted", 6), ("promoted", 7)]);
+    assert_eq!(of("hardware"), [("started", 4), ("stated", 4), ("ended", 4), ("started", 8), ("stated", 8)]);
+    let stated: Vec<&str> = events.iter().filter(|event| event.kind == "stated").map(|event| event.text.as_str()).collect();
+    assert!(
+        stated.iter().all(|text| text.contains(" says what it is: Nobody Nothing: ") && text.contains("3.3 N")),
+        "{stated:?}"
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::markup::plain;
 use crate::motion::{difference, finite};
 use crate::processes::Processes;
 use hyst_messages::{Applied, AppliedRecord};
-use hyst_recording::{Event, Level, SAID, TickRange};
+use hyst_recording::{Event, Level, SAID, STATED, TickRange};
 use std::collections::BTreeMap;
 
 /// Most events that are told one by one; a station that says more is told by their number.
@@ -129,13 +129,13 @@ impl Conduct {
         self.lost = self.lost.saturating_add(range.count());
     }
 
-    /// Takes an event; of those of level info only takeovers and the supervisor's own words are kept.
+    /// Takes an event; of those of level info only takeovers, the supervisor's own words and what a device says of itself are kept.
     pub fn note(&mut self, event: Event) {
         let is_takeover = event.kind == "promoted" && self.is_other_holder(&event);
         self.takeovers += u64::from(is_takeover);
         self.warnings += u64::from(event.level == Level::Warning);
         self.errors += u64::from(event.level == Level::Error);
-        if event.level == Level::Info && !is_takeover && event.kind != SAID {
+        if event.level == Level::Info && !is_takeover && ![SAID, STATED].contains(&event.kind.as_str()) {
             return;
         }
         if self.events.len() == MOST_EVENTS {
@@ -265,7 +265,9 @@ mod tests {
             (SAID, 4, 1),
             "what was said before"
         );
+        conduct.note(Event { tick: 5, ..event(Level::Info, STATED, "hardware", 3) });
+        assert_eq!((conduct.events[0].kind.as_str(), conduct.events.len()), (STATED, 5), "which device it was");
         (0..MOST_EVENTS).for_each(|_| conduct.note(event(Level::Warning, "died", "fluid:0", 1)));
-        assert_eq!((conduct.events.len(), conduct.events_left_out), (MOST_EVENTS, 4));
+        assert_eq!((conduct.events.len(), conduct.events_left_out), (MOST_EVENTS, 5));
     }
 }

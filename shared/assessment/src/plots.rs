@@ -9,7 +9,7 @@ use crate::force::LIMIT_N;
 use crate::markup::{escape, plain, wide};
 use crate::medium::{HIGH_PA, LOW_PA};
 use hyst_messages::{PA_PER_MMHG, PUMP_ALARMS};
-use hyst_recording::SAID;
+use hyst_recording::{SAID, STATED};
 use std::fmt::Write;
 
 /// Width of the curves, and left and right of them, px.
@@ -195,8 +195,8 @@ type Mark = (u64, &'static str, String);
 /// What the trainee did and was told, and the faults and takeovers, through all curves.
 fn marks(svg: &mut String, column: &Column, length_ticks: u64, bottom: f64) {
     let conduct = &column.assessment.measured.conduct;
-    // What the supervisor says of them stands in the table.
-    let faults = conduct.events.iter().filter(|event| event.kind != SAID);
+    // What the supervisor says of them stands in the table, and which device it was.
+    let faults = conduct.events.iter().filter(|event| ![SAID, STATED].contains(&event.kind.as_str()));
     let faults = faults.map(|event| (event.tick, word(event.level), event.text.clone()));
     for (tick, class, words) in of_session(&column.assessment.measured).into_iter().chain(faults.take(MOST_MARKS)) {
         let since_ticks = conduct.since_start(tick);

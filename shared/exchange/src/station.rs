@@ -149,6 +149,10 @@ impl Station {
     pub fn recorder_judged(&self) -> PathBuf {
         self.root.join("recorder-judged.json")
     }
+    /// What the recorder has seen of the processes, as JSON, up to where its file may not have it yet.
+    pub fn recorder_seen(&self) -> PathBuf {
+        self.root.join("recorder-seen.json")
+    }
     /// The supervisor's report so far, as JSON, once a second.
     pub fn report(&self) -> PathBuf {
         self.root.join("report.json")

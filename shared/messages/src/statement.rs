@@ -90,6 +90,23 @@ impl DeviceStatement {
         format!("{} {}", text(&self.maker), text(&self.name))
     }
 
+    /// All of it in words: who made it and what it is called, what it can do, how far it reaches.
+    pub fn words(&self) -> String {
+        let DeviceStatement { measured_dof, driven_dof, rate_hz, limits, continuous_force_n, .. } = self;
+        let DeviceLimits { max_force_n, max_stiffness_n_m, max_damping_n_s_m } = limits;
+        let own_n_s_m = self.device_damping_n_s_m;
+        let own =
+            if own_n_s_m > 0.0 { format!("{own_n_s_m} N·s/m of its own") } else { "how much of its own is not known".into() };
+        let ranges = [("pitch", self.pitch_rad), ("yaw", self.yaw_rad), ("roll", self.roll_rad)];
+        let ranges = ranges.map(|(what, [from, to])| format!("{what} {from:.2} to {to:.2} rad")).join(", ");
+        let [from, to] = self.insertion_m;
+        format!(
+            "{}: {measured_dof} degrees of freedom, {driven_dof} driven, {rate_hz:.0} Hz, {max_force_n} N ({continuous_force_n} N for any time), \
+             {max_stiffness_n_m:.0} N/m, {max_damping_n_s_m} N·s/m, {own}; {ranges}, insertion {from:.3} to {to:.3} m",
+            self.title()
+        )
+    }
+
     /// Whether the station can work with what is stated; the error names the first number that it cannot use, and what is allowed.
     pub fn check(&self) -> Result<(), String> {
         if self.version != STATEMENT_VERSION {
@@ -219,6 +236,15 @@ mod tests {
             let said = bad.check().unwrap_err();
             assert!(said.starts_with(what), "{what}: {said}");
         }
+    }
+
+    #[test]
+    fn a_statement_in_words_says_which_device_it_is_what_it_can_do_and_how_far_it_reaches() {
+        let words = DeviceStatement { device_damping_n_s_m: 0.5, ..stated() }.words();
+        let does = "Nobody Nothing: 4 degrees of freedom, 3 driven, 1000 Hz, 3.3 N (0.9 N for any time), 1200 N/m, 2 N·s/m";
+        let reaches = "pitch -0.60 to 0.60 rad, yaw -0.60 to 0.60 rad, roll -3.00 to 3.00 rad, insertion 0.000 to 0.100 m";
+        assert_eq!(words, format!("{does}, 0.5 N·s/m of its own; {reaches}"));
+        assert!(stated().words().contains("1200 N/m, 2 N·s/m, how much of its own is not known"), "{}", stated().words());
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::messages::{ControlsMessage, EventMessage, Force, Tool};
 use crate::picture::{Picture, PictureMessage};
 use crate::process::{Process, ProcessSpell};
 use crate::scene::{self, SceneFile, SceneMessage};
+use crate::sequence::skipped;
 use crate::tissue::Tissue;
 use crate::{Session, WriteError};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
@@ -31,6 +32,8 @@ pub(crate) const LIBRARY: &str = "hysteroscopy-station";
 
 /// Kind of an event that is a line of the supervisor's: what it saw and did, in its words.
 pub const SAID: &str = "said";
+/// Kind of an event that says which device is on the desk, in each of its lives.
+pub const STATED: &str = "stated";
 
 /// How bad an event is; Foxglove's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +61,7 @@ pub struct Event {
     pub tick: u64,
     /// How bad.
     pub level: Level,
-    /// One word: `started`, `died`, `promoted`, `lost`, [`SAID`] ….
+    /// One word: `started`, `died`, `promoted`, `lost`, [`SAID`], [`STATED`] ….
     pub kind: String,
     /// The process, such as `haptic:1`.
     pub process: String,
@@ -116,6 +119,8 @@ pub struct Block {
     pub scene: Vec<SceneFile>,
     /// Ticks that could not be had any more.
     pub lost: Vec<TickRange>,
+    /// Ticks that the device never made, ascending. Written as an event, which is what a reader gives of them.
+    pub unmade: Vec<TickRange>,
 }
 
 impl Block {
@@ -132,6 +137,7 @@ impl Block {
             && self.pictures.is_empty()
             && self.scene.is_empty()
             && self.lost.is_empty()
+            && self.unmade.is_empty()
     }
 
     /// Puts what came before it to its front.
@@ -147,6 +153,7 @@ impl Block {
         before.pictures.append(&mut self.pictures);
         before.scene.append(&mut self.scene);
         before.lost.append(&mut self.lost);
+        before.unmade.append(&mut self.unmade);
         *self = before;
     }
 }
@@ -221,7 +228,7 @@ impl Pen {
         for status in &block.fluid {
             self.put(Channel::Fluid, status.state_tick, &Fluid::of(status))?;
         }
-        for event in &block.events {
+        for event in block.events.iter().chain(&skipped(&block.unmade)) {
             self.put(Channel::Events, event.tick, &EventMessage::of(event))?;
         }
         for checkpoint in &block.checkpoints {

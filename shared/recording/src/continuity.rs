@@ -74,7 +74,7 @@ fn named(gap: &TickRange, lost: &[TickRange]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Taken;
+    use crate::sequence::skipped;
     use hyst_messages::AppliedRecord;
 
     fn block(ticks: &[u64]) -> Block {
@@ -93,15 +93,15 @@ mod tests {
         let range = |first, last| TickRange { first, last };
         gaps.follow(&Block { lost: vec![range(8, 9), range(7, 8), range(1, 2)], ..Block::default() });
         assert_eq!((gaps.missing(), gaps.lost()), (3, 6));
-        let taken = Taken { unmade: vec![range(12, 12), range(13, 13)], ..Taken::default() };
-        gaps.follow(&Block { events: taken.events(15), ..Block::default() });
+        let events = skipped(&[range(12, 12), range(13, 13)]).into_iter().collect();
+        gaps.follow(&Block { events, ..Block::default() });
         assert_eq!((gaps.unmade, gaps.missing()), (2, 1));
     }
 
     #[test]
     fn the_largest_numbers_that_a_damaged_file_can_name_are_added_too() {
         let most = TickRange { first: 0, last: u64::MAX };
-        let skipped = Taken { unmade: vec![most], ..Taken::default() }.events(15);
+        let skipped: Vec<_> = skipped(&[most]).into_iter().collect();
         let mut all = Continuity::of(&block(&[0, u64::MAX]));
         for _ in 0..2 {
             all.follow(&Block { lost: vec![most, most], events: skipped.clone(), ..Block::default() });

@@ -37,7 +37,7 @@ mod tissue;
 mod unpack;
 mod writer;
 
-pub use block::{Block, Event, Level, SAID, TickRange};
+pub use block::{Block, Event, Level, SAID, STATED, TickRange};
 pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;
 pub use error::{ReadError, WriteError};

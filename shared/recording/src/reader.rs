@@ -224,7 +224,7 @@ impl<R: Read + Seek> Reader<R> {
     }
 }
 
-/// A whole recording in memory: about 200 bytes for each tick.
+/// A whole recording in memory: some 420 bytes for each tick with its step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     /// The session's facts.

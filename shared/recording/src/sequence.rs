@@ -37,12 +37,14 @@ pub struct Taken {
 /// Kind of the event that says which ticks the device never made.
 const SKIPPED: &str = "skipped";
 
-impl Taken {
-    /// What is said of the ticks that are not there: one event for all that were never made, and one for all that are lost.
-    pub fn events(&self, tick: u64) -> Vec<Event> {
-        let unmade = say(tick, Level::Warning, SKIPPED, "the device made no tick", &self.unmade);
-        unmade.into_iter().chain(say(tick, Level::Error, "lost", "the recording has lost", &self.lost)).collect()
-    }
+/// What is said at a tick of those that are lost, if there are any.
+pub fn lost(tick: u64, ranges: &[TickRange]) -> Option<Event> {
+    say(tick, Level::Error, "lost", "the recording has lost", ranges)
+}
+
+/// What is said of ticks that were never made, which is all that a file has of them.
+pub(crate) fn skipped(ranges: &[TickRange]) -> Option<Event> {
+    say(ranges.last()?.last, Level::Warning, SKIPPED, "the device made no tick", ranges)
 }
 
 fn say(tick: u64, level: Level, kind: &str, what: &str, ranges: &[TickRange]) -> Option<Event> {

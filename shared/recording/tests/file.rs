@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{Folder, block, record, session, ticks, write};
 use hyst_messages::{AppliedRecord, FluidStatus};
-use hyst_recording::{Block, Ending, Event, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
+use hyst_recording::{Block, Continuity, Ending, Event, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -34,6 +34,20 @@ fn what_was_written_is_read_bit_for_bit() {
     assert_eq!(recording.content.lost, [TickRange { first: 17, last: 19 }]);
     assert_eq!((recording.ending, recording.damage.len()), (Ending::Complete, 0));
     assert_eq!(recording.session["scene_hash"], "00ff");
+}
+
+/// Nothing but an event says so: a gap of which none does counts as missing.
+#[test]
+fn ticks_that_were_never_made_are_read_as_the_event_that_says_so() {
+    let folder = Folder::new("unmade");
+    let range = |first, last| TickRange { first, last };
+    let blocks = [block(5..17), Block { unmade: vec![range(17, 19), range(22, 22)], ..block(20..22) }, block(23..40)];
+    write(&folder.file(), &blocks).finish().unwrap();
+    let read = Recording::read(&folder.file()).unwrap().content;
+    let said: Vec<&Event> = read.events.iter().filter(|event| event.kind == "skipped").collect();
+    assert!(said.len() == 1 && said[0].text.contains("4 in 2 ranges from tick 17 to 22"), "{said:?}");
+    let continuity = Continuity::of(&read);
+    assert_eq!((continuity.unmade, continuity.missing(), read.unmade), (4, 0, Vec::new()));
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod rows;
 mod station;
 mod targets;
 
+use super::large;
 use crate::cli::WindowArgs;
 use crate::settings::Refusal;
 use std::path::{Path, PathBuf};
@@ -39,7 +40,7 @@ pub struct Folder(PathBuf);
 impl Folder {
     /// A folder of its own for a benchmark.
     pub fn new(what: &str) -> Result<Folder, Refusal> {
-        let folder = std::env::temp_dir().join(format!("hystation-bench-{what}-{}", std::process::id()));
+        let folder = large::folder().join(format!("hystation-bench-{what}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
         Ok(Folder(folder))
     }

@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod doctor;
 pub mod fault;
 mod given;
+mod large;
 pub mod logs;
 mod others;
 pub mod replay;

@@ -1,29 +1,31 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
+mod beside;
 mod look;
 mod origin;
+mod pace;
 
+use super::large;
 use crate::case::{RecordedCase, with_scene};
 use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::recorded::{RecordedScene, Unlaid};
 use crate::settings::Refusal;
+use beside::run_and_look;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::{Station, system};
 use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
 use hyst_recording::{Checkpoint, Event, Moment, Playback, checkpoints};
-use look::{Whole, look_ahead, look_through};
+use look::{Whole, look_through};
 use std::collections::VecDeque;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// States of the tissue that a force may have its contact model of.
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
-/// Where files lie for a while that are too large for memory, as <https://refspecs.linuxfoundation.org/FHS_3.0> has it: `/tmp` is memory on many machines.
-const LARGE: &str = "/var/tmp";
+/// A second recording has no pictures, and takes this share of what the first takes at least.
+const LEAST_ROOM: f64 = 0.9;
 /// The exit code of a run that lost something, or that ended before its end, and of a replay that did not come to the end of its recording.
 const NOT_WHOLE: u8 = 3;
 
@@ -38,20 +40,18 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
     }
     let speed = if args.verify { 0.0 } else { args.speed.unwrap_or(1.0) };
-    let beside = args.verify.then(|| {
-        let folder = folder_for(std::env::var_os("TMPDIR"), Path::new(LARGE));
-        folder.join(format!("hystation-{}-{}.mcap", station.name(), std::process::id()))
-    });
+    let beside = if args.verify { Some(second(station, args, &whole)?) } else { None };
     if begin_tick > 0 {
         let of = |state: &Checkpoint| format!("{} of {:.3} s", state.role.name(), state.tick as f64 * 1e-3);
         let states: Vec<String> = states.iter().map(of).collect();
         eprintln!("hystation: begins at the checkpoint of {:.3} s: {}", begin_tick as f64 * 1e-3, states.join(", "));
     }
     let scene = recorded_scene(station, args, &whole)?;
-    let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed }, scene.as_ref())? };
+    let replay = Replay { begin_tick, from_tick, speed };
+    let again = Again { states, ..again(args, &whole, replay, scene.as_ref())? };
     let named = scene_of(args, &whole, &again, scene.as_ref())?;
     let run = RunArgs { scene: named, ..run_args(args, &whole, again, beside.as_deref())? };
-    let (ended, missing) = run_and_look(station, args, &run, begin_tick, whole.is_seen)?;
+    let (ended, missing) = run_and_look(station, args, &run, replay, whole.is_seen)?;
     if let Some((missing, end_tick)) = missing {
         (whole.missing, whole.end_tick) = (Some(missing), end_tick);
     }
@@ -75,38 +75,16 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     Ok(if code == 0 && !is_whole { NOT_WHOLE } else { code })
 }
 
-/// The folder for the second recording, which is as large as the first: the one that is named for what is temporary, else the one for what is large.
-fn folder_for(named: Option<OsString>, large: &Path) -> PathBuf {
-    let large = Some(large.to_owned()).filter(|large| large.is_dir());
-    named.map(PathBuf::from).or(large).unwrap_or_else(std::env::temp_dir)
-}
-
-/// What ended the run, and what of the recording was found to be missing meanwhile, with the last tick before it.
-type Ended = (Result<u8, Refusal>, Option<(String, u64)>);
-
-/// Runs the station. What of the recording has not been seen yet is looked at beside it.
-fn run_and_look(station: &Station, args: &ReplayArgs, run: &RunArgs, begin_tick: u64, is_seen: bool) -> Result<Ended, Refusal> {
-    if is_seen {
-        return Ok((crate::guardian::run(station.name(), run), None));
-    }
-    let is_over = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        let over = Over(&is_over);
-        let look = || look_ahead(station, &args.file, begin_tick, &is_over);
-        let ahead = std::thread::Builder::new().name("ahead".into()).spawn_scoped(scope, look);
-        let ahead = ahead.map_err(|error| Refusal::failed(format!("a thread: {error}; look at the limit of processes")))?;
-        let ended = crate::guardian::run(station.name(), run);
-        drop(over);
-        Ok((ended, ahead.join().unwrap_or_else(|cause| std::panic::resume_unwind(cause))))
-    })
-}
-
-/// Says that the run is over, however it ended, to whom the scope would wait for.
-struct Over<'a>(&'a AtomicBool);
-
-impl Drop for Over<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
+/// The file of the second recording.
+///
+/// # Errors
+/// There is no room for as much as is done again of the first.
+fn second(station: &Station, args: &ReplayArgs, whole: &Whole) -> Result<PathBuf, Refusal> {
+    let folder = large::folder();
+    let bytes = std::fs::metadata(&args.file).map_or(0, |file| file.len()) as f64;
+    match large::lacks_room(&folder, (bytes * whole.share * LEAST_ROOM) as u64) {
+        Some(why) => Err(refuse(args, &format!("done again and compared it takes {why}"))),
+        None => Ok(folder.join(format!("hystation-{}-{}.mcap", station.name(), std::process::id()))),
     }
 }
 

@@ -10,6 +10,7 @@ use super::program::{self, Place, Said};
 use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
 use crate::cli::WindowArgs;
+use crate::commands::large;
 use crate::settings::Refusal;
 use hyst_exchange::{machine, system};
 use hyst_recording::{Block, Reader, Session};
@@ -137,7 +138,8 @@ fn size(session: &Path) -> Result<(Value, Target), Refusal> {
     let bytes = length_of(session)?;
     let ticks: usize = blocks(session)?.1.iter().map(|block| block.applied.len()).sum();
     let mb_s = (ticks > 0).then(|| bytes as f64 * 1e-6 / (ticks as f64 * 1e-3));
-    let row = json!({ "arm": "file", "name": "size", "bytes": bytes, "ticks": ticks, "mb_s": mb_s });
+    let kind = session.parent().and_then(large::file_system);
+    let row = json!({ "arm": "file", "name": "size", "bytes": bytes, "ticks": ticks, "mb_s": mb_s, "file_system": kind });
     Ok((row, Target::new("MB of a recording for each second of its session".into(), mb_s, MOST_MB_S, false).required()))
 }
 

@@ -61,7 +61,7 @@ fn on_a_bench(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<(Vec<Check>,
         Ok(stated) => stated,
         Err(why) => return Ok((vec![check("states what it can do", Err(why))], 0)),
     };
-    let mut checks = vec![check("states what it can do", stated.check().map(|()| said(&stated)))];
+    let mut checks = vec![check("states what it can do", stated.check().map(|()| stated.words()))];
     if !checks[0].good {
         return Ok((checks, 0));
     }
@@ -85,23 +85,6 @@ fn on_a_bench(binary: &Path, given_up: &dyn Fn() -> bool) -> Result<(Vec<Check>,
     let late_ns = bench.late_ns;
     checks.push(check("stops when it is told", bench.stop()));
     Ok((checks, late_ns))
-}
-
-fn said(stated: &DeviceStatement) -> String {
-    let limits = &stated.limits;
-    let own_n_s_m = stated.device_damping_n_s_m;
-    let own = if own_n_s_m > 0.0 { format!("{own_n_s_m} N·s/m of its own") } else { "how much of its own is not known".into() };
-    format!(
-        "{}: {} degrees of freedom, {} driven, {:.0} Hz, {} N ({} N for any time), {:.0} N/m, {} N·s/m, {own}",
-        stated.title(),
-        stated.measured_dof,
-        stated.driven_dof,
-        stated.rate_hz,
-        limits.max_force_n,
-        stated.continuous_force_n,
-        limits.max_stiffness_n_m,
-        limits.max_damping_n_s_m
-    )
 }
 
 /// The force that is commanded at a tick of a trial: along y it rises, and then goes up and down a little, so that it is another one in each tick.

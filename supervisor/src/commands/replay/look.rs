@@ -34,6 +34,8 @@ pub struct Whole {
     pub cut_at: Option<u64>,
     /// Whether all of it was looked at.
     pub is_seen: bool,
+    /// Which share of its ticks is up to there, as far as is known.
+    pub share: f64,
 }
 
 /// What was seen of it up to a block.
@@ -107,7 +109,7 @@ pub fn look_through(args: &ReplayArgs, from_tick: u64, begin_tick: u64) -> Resul
         {
             seen.lose(lost);
             let (missing, end_tick) = seen.end(*last_tick, None, Ok(()));
-            return whole(args, Whole { session, end_tick, missing, cut_at: None, is_seen: false });
+            return whole(args, Whole { session, end_tick, missing, cut_at: None, is_seen: false, share: 1.0 });
         }
     };
     let last_tick = seen.last_tick.ok_or_else(|| refuse(NO_TICK))?;
@@ -119,7 +121,8 @@ pub fn look_through(args: &ReplayArgs, from_tick: u64, begin_tick: u64) -> Resul
         Some(Ending::Cut { at }) if missing.is_none() => Some(at),
         _ => None,
     };
-    whole(args, Whole { session, end_tick, missing, cut_at, is_seen: true })
+    let share = end_tick as f64 / last_tick.max(1) as f64;
+    whole(args, Whole { session, end_tick, missing, cut_at, is_seen: true, share })
 }
 
 /// Refuses what has nothing before that which is missing.
@@ -184,7 +187,7 @@ fn find_missing(
 }
 
 /// The station's page, once this process keeps it: another's of that name, which is still to be refused, is none of a replay's.
-fn own_page<'a>(station: &Station, page: &'a mut Option<OwnedPage>) -> Option<&'a OwnedPage> {
+pub fn own_page<'a>(station: &Station, page: &'a mut Option<OwnedPage>) -> Option<&'a OwnedPage> {
     if page.is_none() && remains::guardian(station).is_some_and(|guardian| guardian.pid == std::process::id()) {
         *page = station.open_for_keeping().ok();
     }

@@ -51,12 +51,3 @@ fn a_replay_of_which_nothing_was_recorded_is_told_as_that() {
     assert_eq!([true, false].map(|is_cut| compare(&was, &none, 10, is_cut)), [Ok(NOT_WHOLE), Ok(NOT_WHOLE)]);
     std::fs::remove_file(&was).unwrap();
 }
-
-/// An hour of it was 0.8 GB of memory where `/tmp` is memory.
-#[test]
-fn the_second_recording_lies_where_large_files_do_unless_another_folder_is_named() {
-    let there = std::env::temp_dir();
-    assert_eq!(folder_for(Some("/named".into()), &there), Path::new("/named"));
-    assert_eq!(folder_for(None, &there), there);
-    assert_eq!(folder_for(None, Path::new("/no/such/folder")), std::env::temp_dir());
-}
