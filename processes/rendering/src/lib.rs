@@ -52,7 +52,7 @@ pub use input::{Key, PointerInput};
 pub use marks::{Arrow, Marks};
 pub use motes::Motes;
 pub use ostia::{MOUTH_RADIUS_M, ostia};
-pub use overlay::{ALARM, COLUMNS, Overlay, ROWS};
+pub use overlay::{ALARM, ALARM_COLUMNS, COLUMNS, Overlay, ROWS};
 pub use present::{Shown, append_jpeg, save_png};
 pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};
 pub use renderer::{FRAME_LIMIT, FrameStats, MAX_SIDE_PX, Renderer};
