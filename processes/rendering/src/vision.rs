@@ -1,6 +1,7 @@
 //! The loop of the Vision Engine: thirty times a second, or more often where the machine manages it, the newest state, the tool, the text, one picture;
 //! into the window, onto the disk, to the operator's page.
 
+mod effort;
 mod gather;
 
 use crate::adapter;
@@ -19,8 +20,8 @@ use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus, StreamHeader};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
-    View, distortion, fastest_ticks, in_step,
+    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown, View,
+    distortion, fastest_ticks, in_step,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.
@@ -198,7 +199,7 @@ impl<'a> Vision<'a> {
             Some(ticks) if renderer.keep_step() => ticks,
             _ => fastest_ticks,
         };
-        let effort = Effort::at_start(renderer.gpu().is_software());
+        let effort = effort::first(&life.settings, renderer.gpu().is_software(), fastest_ticks);
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
@@ -288,24 +289,6 @@ impl<'a> Vision<'a> {
             }
         }
         Ok(End::Stopped)
-    }
-
-    /// Rate and resolution of the next picture. What goes to the disk or to the operator's page comes seldom, and counts for nothing here.
-    fn give_way(&mut self, stats: &FrameStats, pace: &mut Pace) {
-        let step_ms = system::now_ns().saturating_sub(pace.woken_ns()) as f32 * 1e-6;
-        let before = self.effort;
-        self.effort = before.next(stats.total_ms, step_ms, self.fastest_ticks);
-        if self.effort.period_ticks != before.period_ticks {
-            pace.set_period(self.effort.period_ticks);
-        }
-        self.set_quality();
-    }
-
-    /// Draws as the effort says.
-    fn set_quality(&mut self) {
-        (self.view.quality.scale, self.view.quality.focus) = (self.effort.scale, self.effort.focus);
-        // The glow goes with the last pixels that can be spared, and comes back with the first.
-        self.view.quality.bloom = self.effort.scale > MIN_SCALE;
     }
 
     /// Points the camera and sets its focus, moves the tool, whose jaws hold something at such an opening, m, sets the light.
