@@ -5,7 +5,8 @@ use std::{error::Error, path::Path};
 
 use glam::{Quat, Vec3};
 use rendering::{
-    Appearance, Camera, Endoscope, External, FluidField, Gpu, Material, Overlay, PASS_NAMES, Prefer, Renderer, SurfaceMesh, View,
+    Appearance, Camera, Endoscope, External, FluidField, Gpu, Material, Overlay, PASS_NAMES, Prefer, Renderer, SHADED_SCALE,
+    SurfaceMesh, View,
     shapes::{self, Shape},
 };
 
@@ -106,10 +107,10 @@ fn bleed(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
 }
 
 fn picture(renderer: &mut Renderer, view: &View, name: &str, folder: &str, frames: usize) -> Result<(), Box<dyn Error>> {
-    for scale in if frames > 1 { &[1.0_f32, 0.75, 0.5, 0.375][..] } else { &[1.0][..] } {
+    for scale in if frames > 1 { &[1.0_f32, 0.75, 0.5, 0.375, 0.25][..] } else { &[1.0][..] } {
         let mut view = view.clone();
-        // As the effort has it, which gives up the focus first.
-        (view.quality.scale, view.quality.focus) = (*scale, *scale == 1.0);
+        // As the effort has it, which gives up the focus first, and the shadows before the last pixels.
+        (view.quality.scale, view.quality.focus, view.quality.shadows) = (*scale, *scale == 1.0, *scale >= SHADED_SCALE);
         let mut all = Vec::new();
         for _ in 0..frames {
             all.push(renderer.render(&view)?);

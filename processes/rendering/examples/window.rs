@@ -70,7 +70,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         last = Instant::now();
         view.camera = camera(&at);
         let stats = renderer.render(&view)?;
-        view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, view.quality.scale);
+        let drawn = (view.quality.scale, view.quality.shadows);
+        (view.quality.scale, view.quality.shadows) = next_scale(stats.total_ms, BUDGET_MS, drawn);
         view.overlay = Overlay {
             lines: vec![format!("{:.0} ms", stats.total_ms), format!("{} px", stats.inner_px[1])],
             sign: String::new(),

@@ -1,9 +1,9 @@
 //! How often and how finely pictures are drawn: what the machine manages, and no more than leaves the other engines their time.
 //!
 //! Promise: a pure function; rate and scale stay within their bounds for every input, also for a time that is not a number. Pictures come 30 times a
-//! second at least as far as the focus and then the resolution can give way, and more often only with both; of a rate or a focus that did not last, and of
-//! their successors, it takes ever longer until one is tried again.
-use crate::quality::{MIN_SCALE, next_scale};
+//! second at least as far as the focus and then the resolution and the shadows can give way, and more often only with all of them; of a rate or a focus that
+//! did not last, and of their successors, it takes ever longer until one is tried again.
+use crate::quality::{SHADED_SCALE, next_scale};
 
 /// Ticks between two pictures at the lowest rate: 30 in a second, the rate of the paper's display.
 pub const SLOWEST_TICKS: u64 = 33;
@@ -52,6 +52,8 @@ pub struct Effort {
     pub scale: f32,
     /// what is out of focus is blurred
     pub focus: bool,
+    /// what the lamp at the tip does not reach is dark
+    pub shadows: bool,
     /// for how long there has been room for the focus, or with it for a higher rate
     roomy_ticks: u64,
     /// for how long there must be
@@ -66,6 +68,7 @@ impl Default for Effort {
             period_ticks: SLOWEST_TICKS,
             scale: 1.0,
             focus: true,
+            shadows: true,
             roomy_ticks: 0,
             patience_ticks: PATIENCE_TICKS[0],
             last_ms: 0.0,
@@ -77,12 +80,18 @@ impl Effort {
     /// The effort of the first picture. Where the processor draws it is a small one without the focus: whoever looks waits for any picture, and five pictures
     /// later it has grown to what the machine manages; a large one would first take as long as ten small ones.
     pub fn at_start(is_software: bool) -> Effort {
-        if is_software { Effort { scale: MIN_SCALE, focus: false, ..Effort::default() } } else { Effort::default() }
+        if is_software { Effort { scale: SHADED_SCALE, focus: false, ..Effort::default() } } else { Effort::default() }
+    }
+
+    /// All that there is, at such a rate: where pictures give way for nothing.
+    pub fn whole(fastest_ticks: u64) -> Effort {
+        Effort { period_ticks: fastest_ticks.clamp(FASTEST_TICKS, SLOWEST_TICKS), ..Effort::default() }
     }
 
     /// The effort after a picture that took `frame_ms` to draw, and `step_ms` from the loop's wake-up until it was shown.
     ///
-    /// What is too slow gives way at once, in rate first, at the lowest rate in focus, then in resolution. What is quick comes back the other way about.
+    /// What is too slow gives way at once, in rate first, at the lowest rate in focus, then in resolution, at the end of which the shadows go. What is quick
+    /// comes back the other way about.
     /// At the lowest rate a single slow picture costs nothing: a stall of the machine says nothing of the next one, and the loop makes up for it.
     pub fn next(self, frame_ms: f32, step_ms: f32, fastest_ticks: u64) -> Effort {
         let lasting_ms = frame_ms.min(self.last_ms);
@@ -100,7 +109,8 @@ impl Effort {
             let patience_ticks = (2 * self.patience_ticks).min(PATIENCE_TICKS[1]);
             return Effort { period_ticks: period, focus: false, patience_ticks, roomy_ticks: 0, last_ms: 0.0, ..self };
         }
-        let scale = if period == SLOWEST_TICKS { next_scale(lasting_ms, budget_ms(period), self.scale) } else { self.scale };
+        let drawn = (self.scale, self.shadows);
+        let (scale, shadows) = if period == SLOWEST_TICKS { next_scale(lasting_ms, budget_ms(period), drawn) } else { drawn };
         let faster = LADDER_TICKS.into_iter().find(|ticks| *ticks < period).unwrap_or(period).max(fastest);
         let has_room = match self.focus {
             true => faster < period && fits(faster, ROOM),
@@ -108,10 +118,11 @@ impl Effort {
         };
         let has_room = has_room && scale >= 1.0;
         let roomy_ticks = if has_room { self.roomy_ticks + period } else { 0 };
+        let effort = Effort { period_ticks: period, scale, shadows, roomy_ticks: 0, ..effort };
         match roomy_ticks >= self.patience_ticks {
-            true if self.focus => Effort { period_ticks: faster, scale, roomy_ticks: 0, ..effort },
-            true => Effort { period_ticks: period, scale, focus: true, roomy_ticks: 0, ..effort },
-            false => Effort { period_ticks: period, scale, roomy_ticks, ..effort },
+            true if self.focus => Effort { period_ticks: faster, ..effort },
+            true => Effort { focus: true, ..effort },
+            false => Effort { roomy_ticks, ..effort },
         }
     }
 }
@@ -124,6 +135,7 @@ fn budget_ms(period_ticks: u64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quality::MIN_SCALE;
 
     /// Draws for so long, ticks, on a machine whose picture costs `ms(tick)` at scale 1 with the focus, and `REST_MS` beside it; gives the ticks of all changes of the rate.
     fn drawn(effort: &mut Effort, fastest: u64, for_ticks: u64, ms: impl Fn(u64) -> f32) -> Vec<u64> {
@@ -206,14 +218,20 @@ mod tests {
 
     #[test]
     fn at_thirty_pictures_the_scale_alone_decides_as_it_does_without_a_rate() {
-        let (mut effort, mut scale, mut last_ms) = (Effort { focus: false, ..Effort::default() }, 1.0, 0.0_f32);
+        let (mut effort, mut drawn, mut last_ms) = (Effort { focus: false, ..Effort::default() }, (1.0, true), 0.0_f32);
+        let mut least = 1.0_f32;
         for picture in 0..2_000_u32 {
-            let ms: f32 = 60.0 * scale * scale * (0.5 + (picture / 100 % 3) as f32 * 0.4);
-            scale = next_scale(ms.min(last_ms), budget_ms(SLOWEST_TICKS), scale);
-            last_ms = ms;
+            let ms: f32 = 200.0 * drawn.0 * drawn.0 * (0.09 + (picture / 100 % 3) as f32);
+            drawn = next_scale(ms.min(last_ms), budget_ms(SLOWEST_TICKS), drawn);
+            (last_ms, least) = (ms, least.min(drawn.0));
             effort = effort.next(ms, 1.3 * ms, SLOWEST_TICKS);
-            assert_eq!((effort.period_ticks, effort.scale), (SLOWEST_TICKS, scale), "picture {picture}");
+            assert_eq!(
+                (effort.period_ticks, effort.scale, effort.shadows),
+                (SLOWEST_TICKS, drawn.0, drawn.1),
+                "picture {picture}"
+            );
         }
+        assert_eq!(least, MIN_SCALE, "it has been everywhere");
     }
 
     #[test]

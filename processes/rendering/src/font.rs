@@ -1,4 +1,4 @@
-//! A bitmap font of 5 × 7 dots (an eighth row for descenders), drawn for this station; printable ASCII.
+//! A bitmap font of 5 × 7 dots (an eighth row for descenders), drawn for this station; printable ASCII, and what of other letters is written with that.
 
 /// Rows of every printable character from `!`, top first; bit 4 is the leftmost dot.
 #[rustfmt::skip]
@@ -101,6 +101,40 @@ const GLYPHS: [[u8; 8]; 94] = [
 
 /// What stands for a character without a glyph.
 const BOX: [u8; 8] = [0x1f, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1f, 0];
+
+/// A text as it is written: letters with marks without them, as one does who has no others.
+pub(crate) fn spelled(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match stand_in(c) {
+            Some(letters) => out.push_str(letters),
+            None => out.push(c),
+        }
+    }
+    out
+}
+
+/// What is written for a character that has no glyph; `None` for itself.
+#[rustfmt::skip]
+fn stand_in(c: char) -> Option<&'static str> {
+    Some(match c {
+        'ä' | 'æ' => "ae", 'ö' | 'œ' => "oe", 'ü' => "ue", 'ß' => "ss",
+        'Ä' | 'Æ' => "Ae", 'Ö' | 'Œ' => "Oe", 'Ü' => "Ue",
+        'à' | 'á' | 'â' | 'ã' | 'å' | 'ą' => "a", 'À' | 'Á' | 'Â' | 'Ã' | 'Å' | 'Ą' => "A",
+        'ç' | 'ć' | 'č' => "c", 'Ç' | 'Ć' | 'Č' => "C", 'ď' => "d", 'Ď' => "D",
+        'è' | 'é' | 'ê' | 'ë' | 'ę' | 'ě' => "e", 'È' | 'É' | 'Ê' | 'Ë' | 'Ę' | 'Ě' => "E",
+        'ğ' => "g", 'Ğ' => "G",
+        'ì' | 'í' | 'î' | 'ï' | 'ı' => "i", 'Ì' | 'Í' | 'Î' | 'Ï' | 'İ' => "I",
+        'ł' => "l", 'Ł' => "L", 'ñ' | 'ń' | 'ň' => "n", 'Ñ' | 'Ń' | 'Ň' => "N",
+        'ò' | 'ó' | 'ô' | 'õ' | 'ø' | 'ő' => "o", 'Ò' | 'Ó' | 'Ô' | 'Õ' | 'Ø' | 'Ő' => "O",
+        'ř' => "r", 'Ř' => "R", 'ś' | 'š' | 'ş' => "s", 'Ś' | 'Š' | 'Ş' => "S", 'ť' => "t", 'Ť' => "T",
+        'ù' | 'ú' | 'û' | 'ů' | 'ű' => "u", 'Ù' | 'Ú' | 'Û' | 'Ů' | 'Ű' => "U",
+        'ý' | 'ÿ' => "y", 'Ý' => "Y", 'ź' | 'ż' | 'ž' => "z", 'Ź' | 'Ż' | 'Ž' => "Z",
+        'µ' | 'μ' => "u", '°' => " deg", '²' => "2", '³' => "3", '×' => "x", '±' => "+-",
+        '–' | '—' | '−' => "-", '’' | '‘' => "'", '“' | '”' | '„' => "\"", '…' => "...", '\u{a0}' => " ",
+        _ => return None,
+    })
+}
 
 /// The cell code of a character; a blank is not an empty cell, so that text stands on an even ground.
 pub(crate) fn code(c: char) -> u32 {

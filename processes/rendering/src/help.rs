@@ -65,8 +65,10 @@ mod tests {
         for mouse in ["left drag", "right drag", "wheel"] {
             assert!(lines.iter().any(|line| line.contains(mouse)), "{mouse}");
         }
-        // Beside it five lines of the strip, that of the test mode among them, as many alarms, a gap, the sign.
-        assert!(lines.len() + 12 <= ROWS && lines.iter().all(|line| line.len() <= COLUMNS), "{lines:#?}");
+        // Beside it five lines of the strip, that of the test mode among them, the pump's notice, its alarms and a role that is held still, of two rows each, a
+        // gap, the sign.
+        let alarms = hyst_messages::PUMP_ALARMS.len() - hyst_messages::PUMP_NOTICES.count_ones() as usize + 1;
+        assert!(lines.len() + 6 + 2 * alarms + 2 <= ROWS && lines.iter().all(|line| line.len() <= COLUMNS), "{lines:#?}");
         assert!(lines.iter().all(|line| line.len() == lines[0].len()));
     }
 

@@ -191,7 +191,7 @@ impl Renderer {
         let [width, height] = self.shown_px;
         let eye = view.camera.eye(width as f32 / height as f32);
         self.fit(&eye, view.quality.scale);
-        let has_shadows = self.has_shadows(&eye);
+        let has_shadows = view.quality.shadows && self.has_shadows(&eye);
         self.write_frame(view, &eye, has_shadows);
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         self.shape_pass(&mut encoder);

@@ -268,7 +268,8 @@ impl Stage {
         };
         let [r, g, b] = look.base_colour.map(|c| share(c, 0.5));
         let [glow, eschar] = [look.glow, look.eschar].map(|of_metal| share(of_metal, 0.0));
-        let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
+        // Of the half that is cut away neither the lining is shown nor the gas under it.
+        let whole = if matches!(look.material, Material::MucosaTissue | Material::Gas) { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
             model: self.world(object).to_cols_array_2d(),
             colour: [r, g, b, alpha],

@@ -23,10 +23,17 @@ const SHUT: f32 = 0.05;
 /// 1 mmHg, Pa.
 const MMHG_PA: f64 = 133.322;
 
+/// The line of an alarm, which is written in large letters; in short words, for there is room for half as many.
+fn alarm(words: &str) -> String {
+    format!("{ALARM}  {words}")
+}
+
 /// The strip's memory.
 #[derive(Debug, Default)]
 pub struct Strip {
     test_mode: bool,
+    /// The clock is a virtual one, by which a rate says nothing.
+    is_virtual: bool,
     lives: [u32; SLOTS],
     /// Who was replaced within the time of a sign.
     signed: Vec<Slot>,
@@ -50,7 +57,7 @@ pub struct Strip {
 impl Strip {
     /// The strip of a station. Before the first picture of a process that follows one that died, that death is still to be signed.
     pub fn of(life: &Life) -> Strip {
-        let mut strip = Strip { test_mode: life.clock.test_mode(), ..Strip::default() };
+        let mut strip = Strip { test_mode: life.clock.test_mode(), is_virtual: life.is_lockstep(), ..Strip::default() };
         let restarts = life.clock.page().load64(layout::SLOT_RESTARTS + life.slot.number());
         if restarts > 0 && life.page.load64(header::STEPS) == 0 {
             strip.follow_another(life.slot, life.incarnation);
@@ -146,7 +153,8 @@ impl Strip {
     pub fn overlay(&self, tick: u64, fluid: Option<&FluidStatus>, set_pa: Option<f32>) -> Overlay {
         let seconds = tick / 1_000;
         let mut lines: Vec<String> = self.test_mode.then(|| TEST_MODE.to_string()).into_iter().collect();
-        lines.push(format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz));
+        let rate = if self.is_virtual { String::new() } else { format!("   {:.0} pictures/s", self.rate_hz) };
+        lines.push(format!("{:02}:{:02}{rate}", seconds / 60, seconds % 60));
         if let Some(fluid) = fluid {
             let is_known = tick <= fluid.state_tick.saturating_add(FRESH_TICKS);
             // Of a little less than nothing no minus is left.
@@ -157,11 +165,11 @@ impl Strip {
             lines.push(format!("deficit  {} ml", figure(fluid.deficit_ml)));
             let said = PUMP_ALARMS.iter().filter(|(bit, _)| is_known && fluid.alarms & bit != 0);
             lines.extend(said.map(|(bit, name)| match bit & PUMP_NOTICES {
-                0 => format!("{ALARM}    {name}"),
+                0 => alarm(name),
                 _ => format!("notice   {name}"),
             }));
         }
-        lines.extend(self.held.iter().map(|role| format!("{ALARM}    {role} is held still")));
+        lines.extend(self.held.iter().map(|role| alarm(&format!("{role} held still"))));
         if tick < self.limit_until {
             lines.push(CUT_LIMIT.to_string());
         }
@@ -174,6 +182,7 @@ impl Strip {
 mod tests {
     use super::*;
     use hyst_exchange::Station;
+    use rendering::ALARM_COLUMNS;
 
     #[test]
     fn in_test_mode_the_first_line_says_so_for_ever_and_otherwise_there_is_none() {
@@ -200,7 +209,7 @@ mod tests {
         };
         let told = [0, 1, 0].map(last);
         assert_eq!(
-            told.each_ref().map(|line| line.as_deref() == Some("ALARM    tissue is held still")),
+            told.each_ref().map(|line| line.as_deref() == Some("ALARM  tissue held still")),
             [false, true, false],
             "{told:?}"
         );
@@ -277,6 +286,24 @@ mod tests {
         assert_eq!(strip.overlay(61_000, Some(&fluid), Some(9_999.0)).lines[1], "pressure   70 mmHg, set 75");
     }
 
+    /// In lock-step the first picture of the README said five pictures a second, of thirty that had been drawn.
+    #[test]
+    fn on_a_virtual_clock_there_is_no_rate_beside_the_time() {
+        let mut strip = Strip { is_virtual: true, ..Strip::default() };
+        (1..=40).for_each(|frame| strip.count(frame * 200));
+        assert_eq!(strip.overlay(61_000, None, None).lines, ["01:01"]);
+    }
+
+    #[test]
+    fn each_alarm_fits_into_a_line_of_large_letters() {
+        let alarms = PUMP_ALARMS.iter().map(|(_, name)| alarm(name));
+        let held =
+            Role::ALL.into_iter().filter(|role| role.is_stateful()).map(|role| alarm(&format!("{} held still", role.name())));
+        for line in alarms.chain(held) {
+            assert!(line.starts_with(ALARM) && line.len() <= ALARM_COLUMNS, "{line}");
+        }
+    }
+
     #[test]
     fn a_valve_that_is_shut_is_told_beside_the_flow_and_one_that_is_open_or_not_known_is_not() {
         let mut strip = Strip::default();
@@ -298,7 +325,7 @@ mod tests {
     fn what_no_fluid_has_said_for_two_seconds_is_no_figure_and_no_alarm() {
         let fluid = FluidStatus { state_tick: 500, pressure_pa: 9_333.0, alarms: 2, ..FluidStatus::default() };
         let of = |tick| Strip::default().overlay(tick, Some(&fluid), Some(9_999.0)).lines[1..].to_vec();
-        assert_eq!(of(2_500), ["pressure   70 mmHg, set 75", "flow        0 ml/min", "deficit     0 ml", "ALARM    deficit"]);
+        assert_eq!(of(2_500), ["pressure   70 mmHg, set 75", "flow        0 ml/min", "deficit     0 ml", "ALARM  deficit"]);
         assert_eq!(of(2_501), ["pressure    - mmHg, set 75", "flow        - ml/min", "deficit     - ml"]);
     }
 
@@ -306,7 +333,7 @@ mod tests {
     fn the_pumps_alarms_stand_under_its_figures_while_they_sound() {
         let of = |alarms: u32| Strip::default().overlay(0, Some(&FluidStatus { alarms, ..FluidStatus::default() }), None).lines;
         assert_eq!(of(0).len(), 4);
-        assert_eq!(of(2 | 8)[4..], ["ALARM    deficit", "ALARM    perforation"]);
+        assert_eq!(of(2 | 8)[4..], ["ALARM  deficit", "ALARM  perforation"]);
         assert_eq!(of(16)[4..], ["notice   container change"], "it asks for nothing");
     }
 }

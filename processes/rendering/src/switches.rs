@@ -9,7 +9,7 @@ pub struct Switches {
     /// The view from outside is shown.
     pub external: bool,
     /// With the lines of the meshes there.
-    pub meshes: bool,
+    meshes: bool,
     help: bool,
     /// How far the eye outside has been turned about the organ and raised, rad, and its distance as a share of the usual one.
     orbit: [f32; 3],
@@ -40,6 +40,11 @@ impl Switches {
                 distance.clamp(DISTANCES[0], DISTANCES[1]),
             ];
         }
+    }
+
+    /// Whether the lines of the meshes are wanted.
+    pub fn has_lines(&self) -> bool {
+        self.external && self.meshes
     }
 
     /// The eye outside.
@@ -124,8 +129,8 @@ mod tests {
     fn the_lines_of_the_meshes_come_and_go_with_their_key() {
         let mut switches = Switches::new(true);
         switches.press(&press(Key::Meshes), 0);
-        assert!(switches.meshes && switches.external);
+        assert!(switches.has_lines() && switches.external);
         switches.press(&press(Key::Meshes), 0);
-        assert!(!switches.meshes);
+        assert!(!switches.has_lines());
     }
 }

@@ -1,6 +1,7 @@
 //! The loop of the Vision Engine: thirty times a second, or more often where the machine manages it, the newest state, the tool, the text, one picture;
 //! into the window, onto the disk, to the operator's page.
 
+mod effort;
 mod gather;
 
 use crate::adapter;
@@ -19,14 +20,16 @@ use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus, StreamHeader};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
-    View, distortion, fastest_ticks, in_step,
+    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown, View,
+    distortion, fastest_ticks, in_step,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.
 const BLIND_TICKS: u64 = 50;
 /// The lens lies this far behind the tip, m: the sheath reaches beyond it, as a resectoscope's does, so that one sees what the tip touches.
 const LENS_BEHIND_M: f32 = 0.004;
+/// An optic that looks farther aside than that, rad, would look into the sheath from there, and has its lens in the plane of the tip.
+const STEEP_RAD: f32 = std::f32::consts::FRAC_PI_4;
 /// Pictures that are made up for at once after a stall, so that there are as many in a second as there should be: of 0.1 s.
 const BACKLOG: u64 = 3;
 /// Time in which the exposure follows the light, s.
@@ -151,10 +154,16 @@ fn without_pictures(life: &Life) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where the lens is, m.
-fn lens_m(pose: &Pose) -> [f32; 3] {
+/// Where the lens of an optic is, m.
+fn lens_m(pose: &Pose, oblique_rad: f32) -> [f32; 3] {
     let axis = glam::Quat::from_array(pose.orientation) * glam::Vec3::Z;
-    (glam::Vec3::from(pose.position_m) - LENS_BEHIND_M * axis).to_array()
+    let behind_m = if oblique_rad > STEEP_RAD { 0.0 } else { LENS_BEHIND_M };
+    (glam::Vec3::from(pose.position_m) - behind_m * axis).to_array()
+}
+
+/// How old the sample is that a picture shows, ns; `shown`: on the window, if there is one. Of a picture that nobody sees it says nothing.
+fn motion_ns(sample: Option<&HardwareSample>, shown: Option<Shown>, now_ns: u64) -> Option<u64> {
+    sample.filter(|_| shown != Some(Shown::Skipped)).map(|sample| now_ns.saturating_sub(sample.time_ns))
 }
 
 /// The light and the camera head's gain by a sample: inside those of the scope's `lamp` as far as it is turned up, outside those of a lamp that nobody turns.
@@ -178,7 +187,7 @@ fn held(optic: &ScopeRecord, sample: Option<&HardwareSample>, usual_focus_m: f32
         ..Endoscope::default()
     };
     if let Some(sample) = sample {
-        (scope.tip_m, scope.rotation) = (lens_m(&sample.pose), sample.pose.orientation);
+        (scope.tip_m, scope.rotation) = (lens_m(&sample.pose, optic.oblique_rad), sample.pose.orientation);
         scope.head_rad = sample.pose.camera_roll_rad;
         scope.focus_m = sample.controls.focus_or(usual_focus_m);
     }
@@ -198,7 +207,7 @@ impl<'a> Vision<'a> {
             Some(ticks) if renderer.keep_step() => ticks,
             _ => fastest_ticks,
         };
-        let effort = Effort::at_start(renderer.gpu().is_software());
+        let effort = effort::first(&life.settings, renderer.gpu().is_software(), fastest_ticks);
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
@@ -257,23 +266,24 @@ impl<'a> Vision<'a> {
             display.go_on(self.strip.is_over());
             display.keep_size(&life.station, tick);
             self.gather(sources).map_err(broken)?;
-            self.aim(sample.as_ref(), sources.hold_m());
             self.drift(sources, sample.as_ref(), elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.write(sources, tick, sample.as_ref(), display.pane().is_some());
+            // What has come meanwhile: a picture lags behind the hand by what lies between its sample and the drawing.
+            let sample = sources.sample().or(sample);
+            self.aim(sample.as_ref(), sources.hold_m());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
             self.report(&stats);
-            if let Some([width, height]) = display.size_px() {
-                match self.renderer.present(width, height) {
-                    Ok(Shown::Yes | Shown::Skipped) => {}
-                    Err(error @ RenderError::DeviceLost(_)) => return Err(broken(error)),
-                    Err(error) => return Ok(End::NoWindow(error.to_string())),
-                }
-            }
-            if let Some(sample) = &sample {
-                life.page.count_latency(page::MOTION, system::now_ns().saturating_sub(sample.time_ns));
+            let window_px = display.size_px();
+            let shown = match window_px.map(|[width, height]| self.renderer.present(width, height)).transpose() {
+                Ok(shown) => shown,
+                Err(error @ RenderError::DeviceLost(_)) => return Err(broken(error)),
+                Err(error) => return Ok(End::NoWindow(error.to_string())),
+            };
+            if let Some(age_ns) = motion_ns(sample.as_ref(), shown, system::now_ns()) {
+                life.page.count_latency(page::MOTION, age_ns);
             }
             self.give_way(&stats, &mut pace);
             album.keep(life, tick, &mut self.renderer);
@@ -288,24 +298,6 @@ impl<'a> Vision<'a> {
             }
         }
         Ok(End::Stopped)
-    }
-
-    /// Rate and resolution of the next picture. What goes to the disk or to the operator's page comes seldom, and counts for nothing here.
-    fn give_way(&mut self, stats: &FrameStats, pace: &mut Pace) {
-        let step_ms = system::now_ns().saturating_sub(pace.woken_ns()) as f32 * 1e-6;
-        let before = self.effort;
-        self.effort = before.next(stats.total_ms, step_ms, self.fastest_ticks);
-        if self.effort.period_ticks != before.period_ticks {
-            pace.set_period(self.effort.period_ticks);
-        }
-        self.set_quality();
-    }
-
-    /// Draws as the effort says.
-    fn set_quality(&mut self) {
-        (self.view.quality.scale, self.view.quality.focus) = (self.effort.scale, self.effort.focus);
-        // The glow goes with the last pixels that can be spared, and comes back with the first.
-        self.view.quality.bloom = self.effort.scale > MIN_SCALE;
     }
 
     /// Points the camera and sets its focus, moves the tool, whose jaws hold something at such an opening, m, sets the light.
@@ -323,7 +315,7 @@ impl<'a> Vision<'a> {
             true => Camera::External(self.switches.outside()),
             false => Camera::Endoscope(scope),
         };
-        self.view.has_lines = self.switches.external && self.switches.meshes;
+        self.view.has_lines = self.switches.has_lines();
     }
 
     fn report(&self, stats: &FrameStats) {
@@ -376,5 +368,29 @@ mod tests {
             sample.controls.focus_m = focus_m;
             assert_eq!(seen(Some(&sample)), (0.4, 0.015), "{focus_m} m: a driver or a recording that states none");
         }
+    }
+
+    /// From 4 mm behind the tip an optic of 70° with a field of 90° looked into the sheath, which is not drawn.
+    #[test]
+    fn the_lens_lies_behind_the_tip_and_that_of_an_optic_which_looks_aside_in_its_plane() {
+        let pose = Pose { position_m: [0.001, 0.002, 0.03], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+        for (degrees, z_m) in [(0.0_f32, 0.026), (12.0, 0.026), (30.0, 0.026), (70.0, 0.03)] {
+            let optic = ScopeRecord { oblique_rad: degrees.to_radians(), ..ScopeRecord::default() };
+            let sample = HardwareSample { pose, ..HardwareSample::default() };
+            let [x, y, z] = held(&optic, Some(&sample), 0.015).tip_m;
+            assert!([x, y] == [0.001, 0.002] && (z - z_m).abs() < 1e-7, "{degrees}: {z}");
+        }
+    }
+
+    /// A picture on a window that is hidden was counted as one that somebody saw.
+    #[test]
+    fn from_motion_to_picture_counts_the_sample_that_is_shown_and_no_picture_that_nobody_sees() {
+        let sample = HardwareSample { time_ns: 1_000, ..HardwareSample::default() };
+        let of = |sample, shown| motion_ns(sample, shown, 4_000);
+        assert_eq!(
+            [None, Some(Shown::Yes), Some(Shown::Skipped)].map(|shown| of(Some(&sample), shown)),
+            [Some(3_000), Some(3_000), None]
+        );
+        assert_eq!((of(None, None), motion_ns(Some(&sample), None, 999)), (None, Some(0)));
     }
 }

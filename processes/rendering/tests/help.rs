@@ -56,3 +56,20 @@ fn the_help_can_be_read_keeps_to_its_corner_and_leaves_the_view() {
     view.overlay = Overlay::default();
     assert_eq!(picture(&mut r, &view), plain, "it leaves nothing behind");
 }
+
+/// Letters of 5 × 7 pixels are two millimetres wide on a desk's display: an alarm could be read no better than the rate of the pictures.
+#[test]
+fn an_alarm_is_written_twice_as_wide_and_high_as_other_words_and_in_amber() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    r.resize(SIZE_PX[0], SIZE_PX[1]);
+    let mut drawn_px = |line: &str, ink: [u8; 3]| {
+        let mut view = through_scope();
+        view.overlay = Overlay { lines: vec![line.into()], sign: String::new() };
+        let is_ink = |pixel: &&[u8]| pixel.iter().zip(ink).all(|(channel, of_ink)| channel.abs_diff(of_ink) <= 1);
+        picture(&mut r, &view).chunks_exact(4).filter(is_ink).count()
+    };
+    let [usual, large] =
+        [(" ALARM  deficit", [219, 242, 230]), ("ALARM  deficit", [255, 189, 51])].map(|(line, ink)| drawn_px(line, ink));
+    println!("{usual} pixels of ink as other words are written, {large} of an alarm");
+    assert!(usual > 100 && large == 4 * usual, "{usual} {large}");
+}

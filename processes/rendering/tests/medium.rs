@@ -1,7 +1,7 @@
 //! What is in the medium: blood along the ray, and bubbles.
 mod stand;
 
-use rendering::{Bubbles, FluidField, RenderError, View};
+use rendering::{Bubbles, Camera, External, FluidField, Material, RenderError, View};
 use stand::*;
 
 /// A density that fills the cavity, 8 × 8 × 6 cells.
@@ -160,4 +160,58 @@ fn a_bubble_is_clear_in_its_middle_has_a_dark_ring_and_shows_the_lamp() {
     let other = beside
         .filter(|[x, y]| (0..3).any(|channel| (pixel(&with, *x, *y)[channel] - pixel(&before, *x, *y)[channel]).abs() > 12));
     assert_eq!(other.count(), 0);
+}
+
+/// The organ from its right side, of which all to that side is cut away.
+fn section() -> View {
+    let (eye_m, target_m) = ([0.060, 0.0, 0.025], [0.0, 0.0, 0.025]);
+    View::new(Camera::External(External { eye_m, target_m, clip: Some(([1.0, 0.0, 0.0], 0.0)), ..External::default() }))
+}
+
+/// Blood of the half that is cut away lay red over the section, and its bubbles hung before that.
+#[test]
+fn a_section_shows_neither_blood_nor_gas_of_the_half_that_is_cut_away_and_both_of_the_other() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let view = section();
+    let clear = picture(&mut r, &view);
+    // Farther from the cut than blood frays.
+    let mut with_blood = |[low_m, high_m]: [f32; 2]| {
+        let (min_m, max_m) = ([low_m, -0.02, 0.0], [high_m, 0.02, 0.06]);
+        r.set_fluid(Some(FluidField { dims: [8, 8, 6], min_m, max_m, density: &[1.0; 384], extinction_per_m: 600.0 })).unwrap();
+        let shot = picture(&mut r, &view);
+        r.set_fluid(None).unwrap();
+        changed(&clear, &shot)
+    };
+    let [gone, left] = [[0.006, 0.020], [-0.020, -0.004]].map(&mut with_blood);
+    println!("{gone} pixels of blood that is cut away, {left} of what is left");
+    assert!(gone == 0 && left > 1_000, "{gone} {left}");
+    let across = with_blood([-0.020, 0.020]);
+    assert!(10 * across > 9 * left, "what is cut through shows where it is left: {across} and {left}");
+    let mut bubbles = Bubbles::new(77);
+    let mut with_gas = |x_m: f32| {
+        bubbles.show(r.stage(), &[[x_m, 0.002, 0.030, 0.03]]).unwrap();
+        changed(&clear, &picture(&mut r, &view))
+    };
+    let [gone, left] = [0.006, -0.006].map(&mut with_gas);
+    println!("{gone} pixels of gas that is cut away, {left} of what is left");
+    assert!(gone == 0 && left > 20, "{gone} {left}");
+}
+
+#[test]
+fn from_outside_without_a_section_blood_shows_wherever_it_is() {
+    let Some(mut r) = renderer() else { return };
+    let mut view = section();
+    let Camera::External(outside) = &mut view.camera else { unreachable!() };
+    outside.clip = None;
+    let mut behind = wall(0.0, 0.020);
+    behind.positions_m.iter_mut().for_each(|place| *place = [-0.021, place[1], place[0] + 0.025]);
+    put(&mut r, CAVITY, &behind, Material::Polyp);
+    let clear = picture(&mut r, &view);
+    let mut with_blood = |[low_m, high_m]: [f32; 2]| {
+        let (min_m, max_m) = ([low_m, -0.02, 0.0], [high_m, 0.02, 0.06]);
+        r.set_fluid(Some(FluidField { dims: [8, 8, 6], min_m, max_m, density: &[1.0; 384], extinction_per_m: 600.0 })).unwrap();
+        changed(&clear, &picture(&mut r, &view))
+    };
+    let sides = [[0.006, 0.020], [-0.020, -0.004]].map(&mut with_blood);
+    assert!(sides.iter().all(|pixels| *pixels > 1_000), "{sides:?}");
 }

@@ -76,6 +76,35 @@ fn what_lies_at_half_the_field_of_view_is_on_the_rim_and_what_lies_beyond_is_not
 }
 
 #[test]
+fn each_optic_has_its_line_of_sight_in_the_middle_and_what_lies_ahead_of_the_scope_as_far_below_as_it_looks_aside() {
+    let Some(mut r) = renderer() else { return };
+    let mut view = glowing_wall(&mut r);
+    r.stage().remove_object(CAVITY);
+    for degrees in [0.0_f32, 12.0, 30.0, 70.0] {
+        let Camera::Endoscope(scope) = &mut view.camera else { unreachable!() };
+        scope.oblique_rad = degrees.to_radians();
+        let (lens, half_rad) = (scope.distortion, 0.5 * scope.field_of_view_rad);
+        // How far from the middle a ball is drawn that lies so far from the scope's axis, to the side to which the optic looks; none if it is not.
+        let mut seen = |off_rad: f32| {
+            let along = glam::Vec3::new(0.0, off_rad.sin(), off_rad.cos());
+            put_plain(&mut r, TOOL, &shapes::ball((0.020 * along).to_array(), 0.001, 24, 32), glowing());
+            let shot = picture(&mut r, &view);
+            let lit: Vec<[u32; 2]> = ring(0.0..2.0).filter(|[x, y]| pixel(&shot, *x, *y)[0] > 30).collect();
+            let middle = |axis: usize| lit.iter().map(|at| at[axis] as f32 + 0.5).sum::<f32>() / lit.len() as f32;
+            let side = 0.5 * HEIGHT as f32;
+            (!lit.is_empty()).then(|| [middle(0) / side - WIDTH as f32 / HEIGHT as f32, middle(1) / side - 1.0])
+        };
+        let [sight, ahead] = [degrees.to_radians(), 0.0].map(&mut seen);
+        println!("{degrees} degrees: {sight:?} on the line of sight, {ahead:?} ahead");
+        assert!(sight.is_some_and(|[right, down]| right.abs() < 0.03 && down.abs() < 0.03), "{degrees}: {sight:?}");
+        let wanted = (degrees < 45.0).then(|| drawn_at(degrees.to_radians(), half_rad, lens));
+        assert_eq!(ahead.is_some(), wanted.is_some(), "{degrees}: {ahead:?}");
+        let is_there = ahead.zip(wanted).is_none_or(|([right, down], wanted)| right.abs() < 0.03 && (down - wanted).abs() < 0.05);
+        assert!(is_there, "{degrees}: {ahead:?}, wanted {wanted:?}");
+    }
+}
+
+#[test]
 fn light_falls_off_with_the_square_of_the_distance_softened_near_the_lamp() {
     let Some(mut r) = renderer() else { return };
     // Grey, matte, without vessels, dark enough to mirror hardly anything of the cavity's own light.

@@ -237,15 +237,19 @@ fn what_stands_before_the_wall_shades_it_on_the_side_away_from_the_lamp_and_gas_
     let view = through_scope();
     let clear = picture(&mut r, &view);
     let (above, beside) = ([0.0, 0.50], [[0.50, 0.0], [-0.50, 0.0], [0.0, -0.50]]);
-    let mut shaded = |material: Material| {
+    let mut shaded = |material: Material, shadows: bool| {
         put(&mut r, TOOL, &shapes::ball([0.0, 0.0, 0.019], 0.0008, 16, 24), material);
+        let mut view = view.clone();
+        view.quality.shadows = shadows;
         let shot = picture(&mut r, &view);
         let of = |place: [f32; 2]| bright(&shot, place) / bright(&clear, place);
         // The exposure follows the whole picture: what is beside says by how much.
         of(above) / (beside.map(of).iter().sum::<f32>() / 3.0)
     };
-    let [solid, gas, flake] = [Material::Polyp, Material::Gas, Material::Flake].map(&mut shaded);
+    let [solid, gas, flake] = [Material::Polyp, Material::Gas, Material::Flake].map(|material| shaded(material, true));
+    let given_up = shaded(Material::Polyp, false);
     let is_none = |share: f32| (share - 1.0).abs() < 0.08;
+    assert!(is_none(given_up), "{given_up} of a solid where shadows have given way");
     assert!(solid < 0.75 && is_none(gas) && is_none(flake), "{solid} of a solid, {gas} of gas, {flake} of a flake");
 }
 

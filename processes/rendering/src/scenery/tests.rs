@@ -84,6 +84,11 @@ fn a_vertex_that_is_not_finite_is_named() {
 
 /// A topology of so many objects of these kinds, instruments last. Each of the others has a triangle across the line of sight of [`picture`].
 fn topology(version: u32, kinds: &[u32]) -> Vec<u64> {
+    topology_with(version, kinds, 0)
+}
+
+/// The same, of which every vertex lies on a wound if `raw` is 1.
+fn topology_with(version: u32, kinds: &[u32], raw: u32) -> Vec<u64> {
     let records: Vec<ObjectRecord> = (0..).zip(kinds).map(|(id, kind)| record(id, *kind, [3 * id, 3], [id, 1])).collect();
     let drawn = kinds.iter().filter(|kind| **kind != RIGID_TOOL).count() as u32;
     let corners_m = |object: u32| {
@@ -100,6 +105,7 @@ fn topology(version: u32, kinds: &[u32]) -> Vec<u64> {
     message.section::<ObjectRecord>(0).unwrap().copy_from_slice(&records);
     message.section::<[u32; 3]>(3).unwrap().copy_from_slice(&triangles);
     message.section::<[f32; 3]>(4).unwrap().copy_from_slice(&rest_m);
+    message.section::<u32>(6).unwrap().fill(raw);
     words
 }
 
@@ -115,6 +121,23 @@ fn picture(renderer: &mut Renderer) -> Vec<u8> {
     let view = View::new(Camera::External(External { eye_m, target_m, clip: None, ..External::default() }));
     renderer.render(&view).expect("a frame");
     renderer.read_rgba().expect("a picture").to_vec()
+}
+
+/// No test had a wound in a topology: one that was looked for in another section was none.
+#[test]
+fn what_a_topology_says_lies_on_a_wound_is_drawn_as_one() {
+    let Some(mut renderer) = renderer() else { return };
+    let mut scenery = Scenery::new(renderer.stage()).unwrap();
+    let mut drawn = |version: u32, raw: u32| {
+        let topology = topology_with(version, &[ORGAN, PATHOLOGY, RIGID_TOOL], raw);
+        scenery.rebuild(renderer.stage(), bytemuck::cast_slice(&topology)).unwrap();
+        picture(&mut renderer)
+    };
+    let [whole, cut, whole_again] = [(5, 0), (6, 1), (7, 0)].map(|(version, raw)| drawn(version, raw));
+    let differs = |(before, after): &(&[u8], &[u8])| before.iter().zip(*after).any(|(a, b)| a.abs_diff(*b) > 12);
+    let other = whole.chunks_exact(4).zip(cut.chunks_exact(4)).filter(differs).count();
+    println!("{other} pixels of wounds");
+    assert!(other > 30 && whole == whole_again, "{other}");
 }
 
 /// The chips of each stroke were of steel: a spare that had not made the world of the cut yet answered by the numbers of the one before.

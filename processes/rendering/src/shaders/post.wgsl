@@ -237,9 +237,12 @@ fn glyph(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
     if any(cell < vec2<f32>(0.0)) || cell.x >= p.text.y || cell.y >= p.text.z { return vec3<f32>(0.0); }
     let code = glyphs[256u + u32(cell.y * p.text.y + cell.x)];
     if code == 0u { return vec3<f32>(0.0); }
-    let inside = at - cell * vec2<f32>(7.0, 11.0);
+    // A large character lies in four cells, each of which holds a quarter of it.
+    let quarter = vec2<f32>(f32((code >> 9u) & 1u), f32((code >> 10u) & 1u));
+    let size = 1.0 + f32((code >> 8u) & 1u);
+    let inside = (at - cell * vec2<f32>(7.0, 11.0) + quarter * vec2<f32>(7.0, 11.0)) / size;
     let row = u32(inside.y) - 1u;
-    let sign = max(select(0.0, 1.0, has_sign && cell.y == p.text.z - 1.0), f32(code >> 7u));
+    let sign = max(select(0.0, 1.0, has_sign && cell.y == p.text.z - 1.0), f32((code >> 7u) & 1u));
     if u32(inside.y) < 1u || row >= 8u { return vec3<f32>(0.0, 1.0, sign); }
     let bits = (glyphs[2u * (code & 127u) + row / 4u] >> ((row % 4u) * 8u)) & 255u;
     let column = u32(inside.x);

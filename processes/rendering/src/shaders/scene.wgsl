@@ -29,7 +29,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped); of metal the crust 0..1 and glow 0..1; mouths of glands 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped: growths, metal); of metal the crust 0..1 and glow 0..1; mouths of glands 0..1
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
     shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0, 1 if it is a myoma
     spots: array<vec4<f32>, 64>, // blanched by coagulation: rest position m, radius m, 0 behind the last
@@ -365,8 +365,17 @@ fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let b = (g.blood_max.xyz + FRAY_M - g.eye.xyz) / safe;
     let low = min(a, b);
     let high = max(a, b);
-    let near = max(max(low.x, low.y), max(low.z, 0.0));
-    let far = min(min(high.x, high.y), min(high.z, 1.0));
+    var near = max(max(low.x, low.y), max(low.z, 0.0));
+    var far = min(min(high.x, high.y), min(high.z, 1.0));
+    if OUTSIDE {
+        // Nor is there any in the half that is cut away. No branch hangs on uniforms alone: `post.wgsl` says why.
+        let across_cut = dot(g.clip.xyz, ray);
+        let way = select(across_cut, 1.0e-9, abs(across_cut) < 1.0e-9);
+        let at_cut = (g.clip.w - dot(g.clip.xyz, g.eye.xyz)) / way;
+        let is_cut = any(g.clip.xyz != vec3<f32>(0.0));
+        near = select(near, max(near, at_cut), is_cut & (way < 0.0));
+        far = select(far, min(far, at_cut), is_cut & (way > 0.0));
+    }
     if near >= far { return c; }
     let size = g.fluid_max.xyz - g.fluid_min.xyz;
     // Interleaved gradient noise (Jimenez 2014): neighbours differ as evenly as can be, and no lattice shows.

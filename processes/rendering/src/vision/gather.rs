@@ -86,11 +86,12 @@ impl Vision<'_> {
         let fluid = self.strip.smooth(sources.pump());
         let mut overlay = self.strip.overlay(tick, fluid.as_ref(), set_pa);
         if has_window {
-            overlay.lines.extend(self.switches.lines(given, self.focus_m));
+            let focus_m = sample.map_or(self.usual_focus_m, |sample| sample.controls.focus_or(self.usual_focus_m));
+            overlay.lines.extend(self.switches.lines(given, focus_m));
         }
         overlay.lines.extend(self.strip.case());
         overlay.lines.extend(felt);
-        overlay.lines.extend(without_lines(self.view.has_lines, self.renderer.gpu().draws_lines()));
+        overlay.lines.extend(without_lines(self.switches.has_lines(), self.renderer.gpu().draws_lines()));
         self.view.overlay = overlay;
     }
 
@@ -180,7 +181,8 @@ impl Vision<'_> {
         sample: Option<&HardwareSample>,
         elapsed_s: f32,
     ) -> Result<(), RenderError> {
-        let lens_m = sample.filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
+        let oblique_rad = self.scenery.instrument.scope.oblique_rad;
+        let lens_m = sample.filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose, oblique_rad));
         let flow = self.flow.as_ref().and_then(|held| medium::flow(held.bytes()));
         let stage = self.renderer.stage();
         let uploaded = match flow {
