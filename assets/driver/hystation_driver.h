@@ -56,8 +56,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 21u
-#define HYST_LAYOUT_HASH 0x8017d4c0f3817170u
+#define HYST_LAYOUT_VERSION 22u
+#define HYST_LAYOUT_HASH 0x299d2732269bbe1bu
 #define HYST_INTERFACE_VERSION 2u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
@@ -81,8 +81,8 @@
 #define HYST_STALE_APPLIED 8
 #define HYST_FORCE_STEP_MAX 9
 #define HYST_TRIPS 10
-#define HYST_STATEMENT 148119
-#define HYST_HARDWARE_WORDS 148157
+#define HYST_STATEMENT 148121
+#define HYST_HARDWARE_WORDS 148159
 #define HYST_COMMAND 5859
 #define HYST_DEVICE_WORDS 206586
 #define HYST_STATION_WORDS 288

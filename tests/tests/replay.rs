@@ -9,6 +9,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+#[path = "replay/servos.rs"]
+mod servos;
+
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
 
 /// Records a session.
@@ -363,8 +366,11 @@ fn a_file_that_is_empty_or_no_recording_or_of_a_newer_version_is_refused_in_one_
         (block.steps, block.checkpoints, block.pictures, block.scene) = Default::default();
     });
     refused(&first, &["does not say what each step was made from", "`hystation report` reads it"], true);
-    // Without pictures, and without its scene, which is the one in the binary.
-    of_format(&good, &old, "3", |block| (block.pictures, block.scene) = Default::default());
+    // Without pictures, without its scene, which is the one in the binary, and without a word of whose state a servo went on from.
+    of_format(&good, &old, "3", |block| {
+        (block.pictures, block.scene, block.origins) = Default::default();
+        block.applied.iter_mut().for_each(|record| record.followed = 0);
+    });
     let (code, said, complained) = verify("old", &old, &[]);
     assert_eq!((code, same(&said)), (Some(0), (1_000, 1_000)), "{said}{complained}");
 }

@@ -5,7 +5,7 @@ use crate::plugged::Plug;
 use hyst_coupling::LastHopState;
 use hyst_exchange::ReadPage;
 use hyst_messages::page::hardware;
-use hyst_messages::{Applied, AppliedRecord, ContactModel, DeviceLimits, Medium};
+use hyst_messages::{Applied, AppliedRecord, ContactModel, DeviceLimits, FROM_OWN, Medium, ReplayRecord, Replayed};
 use std::collections::VecDeque;
 
 /// Contact models that are kept: far more than the ticks for which a model that is late is used.
@@ -22,8 +22,10 @@ pub struct Given {
     pub limits: DeviceLimits,
     /// Epoch and tick of the fluid's state that it is from.
     pub medium_key: (u32, u64),
-    /// How far back the servo's state is that the force goes on from, ticks, if not by its own rule; else 0.
-    pub lag: u64,
+    /// In a replay: what each servo is to go on from, if not by its own rule.
+    pub replayed: [Replayed; 2],
+    /// In a replay: whose force it was, as the record of the tick says it.
+    pub followed: u16,
     /// In a replay: no servo had answered in time, so none counts.
     pub is_mute: bool,
     /// In a replay: the recorded device was born in this tick, and went on from this.
@@ -72,13 +74,20 @@ impl Again {
             model,
             medium: recorded.medium(),
             limits: recorded.limits,
-            lag: u64::from(recorded.lag),
+            replayed: replayed(&replay),
+            followed: recorded.followed,
             is_mute: recorded.command.kind != Applied::Fresh as u32,
             newborn,
             plug,
             ..Given::default()
         })
     }
+}
+
+/// What the servos are told. An older recording says only how old the state was that the force went on from: both go on from theirs of that age.
+fn replayed(replay: &ReplayRecord) -> [Replayed; 2] {
+    let (told, lag) = (replay.replayed, replay.recorded.lag);
+    if told == [Replayed::default(); 2] && lag > 1 { [Replayed { from: FROM_OWN, lag }; 2] } else { told }
 }
 
 /// Whether the hardware was there in a tick after the one `before`. Each life of it counts its samples anew; and from one tick to the next the force is another
@@ -98,7 +107,21 @@ fn plug(before: &AppliedRecord, recorded: &AppliedRecord) -> Plug {
 mod tests {
     use super::*;
     use hyst_exchange::Station;
-    use hyst_messages::{ForceCommand, HardwareSample, ReplayRecord, Role, Slot};
+    use hyst_messages::{FROM_OTHER, ForceCommand, HardwareSample, Role, Slot};
+
+    /// Both servos were told how old the state was that the force went on from, and the other one's had been another.
+    #[test]
+    fn each_servo_is_told_its_own_origin_and_of_an_older_recording_both_are_told_the_age() {
+        let told = |lag: u16, replayed: [Replayed; 2]| {
+            let recorded = AppliedRecord { tick: 9, lag, ..AppliedRecord::default() };
+            super::replayed(&ReplayRecord { tick: 9, recorded, replayed })
+        };
+        let (none, own, other) =
+            (Replayed::default(), Replayed { from: FROM_OWN, lag: 5 }, Replayed { from: FROM_OTHER, lag: 1 });
+        assert_eq!([told(5, [own, none]), told(5, [own, other])], [[own, none], [own, other]]);
+        assert_eq!([told(1, [none, other]), told(1, [none; 2]), told(0, [none; 2])], [[none, other], [none; 2], [none; 2]]);
+        assert_eq!(told(5, [none; 2]), [own; 2], "an older recording");
+    }
 
     /// Forces differed from where a driver had died under the hand.
     #[test]
@@ -113,7 +136,7 @@ mod tests {
             let command = ForceCommand { tick, device_incarnation, force_n: [0.0, 0.0, force_n], ..ForceCommand::default() };
             let sample = HardwareSample { hardware_tick, ..HardwareSample::default() };
             let recorded = AppliedRecord { tick, command, sample, before_n: [0.0, 0.0, before_n], ..AppliedRecord::default() };
-            own.write(hardware::REPLAY, &ReplayRecord { tick, recorded });
+            own.write(hardware::REPLAY, &ReplayRecord { tick, recorded, ..ReplayRecord::default() });
             let given = again.given(&page, tick, ContactModel::default()).unwrap();
             (given.newborn, given.plug)
         };

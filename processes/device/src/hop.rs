@@ -7,7 +7,7 @@
 use crate::again::{Again, Given};
 use crate::models::Models;
 use crate::plugged::{Plug, Plugged};
-use crate::replicas::{Chosen, Replicas};
+use crate::replicas::Replicas;
 use hyst_coupling::{
     AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step,
 };
@@ -169,6 +169,7 @@ impl Hop<'_> {
                 Plug::In(felt_n) => state.replugged(felt_n),
             };
             next_tick = Some(tick + 1);
+            self.replicas.follow(given.followed);
             let share = self.book(&sample, silent_ticks);
             self.tick(tick, sample, &given, share, pace.woken_ns());
             pace.end();
@@ -248,7 +249,7 @@ impl Hop<'_> {
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, share: f32, woken_ns: u64) {
         let page = &self.life.page;
-        let Given { model, limits, medium_key: (medium_epoch, medium_tick), lag: replayed_lag, .. } = *given;
+        let Given { model, limits, medium_key: (medium_epoch, medium_tick), replayed, .. } = *given;
         let Medium { pressure_pa, pieces, on_scope_n } = given.medium;
         self.heed(&limits);
         let (device_incarnation, applied_n) = (self.life.incarnation as u64, self.state.applied_n);
@@ -262,7 +263,7 @@ impl Hop<'_> {
             pressure_pa,
             pieces,
             selected_incarnation,
-            replayed_lag,
+            replayed,
             medium_tick,
             medium_epoch,
             limits,
@@ -278,16 +279,15 @@ impl Hop<'_> {
             let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
             self.replicas.choose(self.life, &input, &self.params, deadline_ns)
         };
-        let chosen = if given.is_mute || self.hardware.is_silent() { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
+        let chosen = if given.is_mute || self.hardware.is_silent() { chosen.muted() } else { chosen };
         let wanted_n = chosen.force_n.map(self.gives).map(|force_n| force_n.map(|newton| newton * share));
         let (state, force_n, kind) = last_hop_step(&self.params, &self.state, wanted_n);
         self.state = state;
-        let kind = told_as(kind, chosen.force_n.is_some());
         let command = ForceCommand {
             tick,
             force_tick: chosen.tick,
             force_n,
-            kind: kind as u32,
+            kind: told_as(kind, chosen.force_n.is_some()) as u32,
             source_incarnation: chosen.incarnation,
             device_incarnation: self.life.incarnation,
         };
@@ -306,7 +306,8 @@ impl Hop<'_> {
             model_incarnation: model.incarnation,
             sent_ns: if self.life.is_lockstep() { 0 } else { sent_ns },
             before_n: applied_n,
-            lag: chosen.lag,
+            lag: chosen.lag as u16,
+            followed: chosen.followed,
             pieces,
             pressure_pa,
             medium_epoch,

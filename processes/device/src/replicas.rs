@@ -64,6 +64,15 @@ pub struct Chosen {
     pub incarnation: u32,
     /// Its [`ForceRecord::lag`].
     pub lag: u32,
+    /// One more than the index of whom it is; 0 if no servo has a valid one.
+    pub followed: u16,
+}
+
+impl Chosen {
+    /// The same where no servo counts.
+    pub fn muted(self) -> Chosen {
+        Chosen { force_n: None, lag: 0, followed: 0, ..self }
+    }
 }
 
 /// The replicas, and the one that is followed.
@@ -74,6 +83,8 @@ pub struct Replicas {
     last: Chosen,
     /// Whether less than the chosen force was applied in the tick before, or is in this one.
     withholds: bool,
+    /// In a replay: whom the recorded device followed.
+    recorded: Option<usize>,
 }
 
 /// Hash of an input record; the servo sends it back, so that a force for another input is never applied.
@@ -106,6 +117,12 @@ impl Replicas {
     /// Says whether less than the chosen force is applied: then who is nearer to what was chosen last is followed, and not who is nearer to what was applied.
     pub fn withhold(&mut self, withholds: bool) {
         self.withholds = withholds;
+    }
+
+    /// In a replay: says whom the recorded device followed in this tick ([`Chosen::followed`]): the other's force is none to choose then, for it may have come
+    /// too late, and have been another.
+    pub fn follow(&mut self, followed: u16) {
+        self.recorded = usize::from(followed).checked_sub(1).filter(|index| *index < REPLICAS);
     }
 
     /// Incarnation of the replica that is followed, 0 if it is not there.
@@ -165,6 +182,9 @@ impl Replicas {
             // No time is lost in lock-step, so a newborn may be alone before it was out of its shadow: one that has the other's state counts.
             records = said.map(|record| record.filter(|record| record.flags & FORCE_ASTRAY == 0));
         }
+        if let Some(index) = self.recorded.filter(|index| records[*index].is_some()) {
+            records[1 - index] = None;
+        }
         let before_n = self.last.force_n.filter(|_| self.withholds).unwrap_or(input.applied_n);
         if let Some(standing) = self.standing(&records, before_n, params.max_slew_n_per_tick) {
             records[standing] = None;
@@ -192,9 +212,9 @@ impl Replicas {
         if choice.force_n.is_some() {
             // The record's own stamp: whoever judges what was applied is not to take this process's word for it.
             let (tick, lag) = records[choice.index].map_or((0, 0), |record| (record.tick, record.lag()));
-            self.last = Chosen { force_n: choice.force_n, tick, incarnation, lag };
+            self.last = Chosen { force_n: choice.force_n, tick, incarnation, lag, followed: choice.index as u16 + 1 };
         } else {
-            (self.last.force_n, self.last.lag) = (None, 0);
+            self.last = self.last.muted();
         }
         let slot = Slot::new(Role::Haptic, self.selected).map_or(0, Slot::number);
         life.page.store64(layout::SELECTED, slot as u64);

@@ -4,10 +4,13 @@
 //! the other's state at the tick before, as soon as that can be read, unless the other has no better claim. Of two that are both astray,
 //! the one that the device follows is right, because its force is what the hand felt; without it, the one in the first slot. Who has said
 //! nothing yet goes on from whoever has said the tick before, in the shadow or not.
+//!
+//! Which of that came about hangs on moments that no replay has. So what was not the usual is recorded, and in a replay each servo goes on from what the
+//! recorded one went on from ([`replayed`]).
 
 use hyst_coupling::{ServoParams, ServoState};
-use hyst_messages::ForceRecord;
 use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW};
+use hyst_messages::{FROM_NOTHING, FROM_OTHER, FROM_OWN, ForceRecord, OriginRecord, Replayed};
 
 /// Ticks without a word from the other replica after which nobody needs to wait for it.
 pub const LONELY_TICKS: u64 = 5;
@@ -40,8 +43,22 @@ pub struct Other {
 pub struct Origin {
     /// The state before the tick.
     pub state: ServoState,
+    /// The tick after which somebody had it; 0 if nobody did.
+    pub from_tick: u64,
+    /// Whether that was the other.
+    pub is_others: bool,
     /// Whether it is still not known to be the right one.
     pub astray: bool,
+}
+
+impl Origin {
+    /// What is recorded of it where it is not the usual, the own state of the tick before; `servo` is the index of who goes on from it.
+    pub fn record(&self, servo: usize, tick: u64) -> Option<OriginRecord> {
+        let is_usual = !self.is_others && self.from_tick.checked_add(1) == Some(tick);
+        let from_servo = if self.is_others { 1 - servo.min(1) } else { servo };
+        let record = OriginRecord { tick, from_tick: self.from_tick, servo: servo as u32, from_servo: from_servo as u32 };
+        (!is_usual).then_some(record)
+    }
 }
 
 /// The servo's state in a record.
@@ -71,7 +88,7 @@ fn leads(word: &ForceRecord, other: Seat, me: Seat, selected: u32) -> bool {
 
 /// What to compute `tick` from; `last` is what this servo said last, `selected` the incarnation that the device follows.
 pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<&Other>, tick: u64, selected: u32) -> Origin {
-    let own = |astray| Origin { state: state_of(last), astray };
+    let own = |astray| Origin { state: state_of(last), from_tick: last.tick, is_others: false, astray };
     let heard = other.filter(|other| other.newest.tick.saturating_add(LONELY_TICKS) > tick);
     let said = heard.map(|other| (other.before.unwrap_or(other.newest), other.seat));
     let before = heard.and_then(|other| other.before);
@@ -85,7 +102,28 @@ pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<
     }
     let sound =
         before.map(|before| state_of(&before)).filter(|state| state.is_sound(params) && state.tick.checked_add(1) == Some(tick));
-    sound.map_or_else(|| own(true), |state| Origin { state, astray: false })
+    sound.map_or_else(|| own(true), |state| Origin { state, from_tick: state.tick, is_others: true, astray: false })
+}
+
+/// In a replay: what the recorded answer to `tick` went on from. `None` if the servo knows by itself, and if that state is not there: `own` and `others` give
+/// the states that the two have come to with their answers to a tick. Where one lacks it the other may have it: one of them is newborn, or an older
+/// recording says only how old it was.
+pub fn replayed(
+    told: Replayed,
+    tick: u64,
+    own: impl Fn(u64) -> Option<ServoState>,
+    others: impl Fn(u64) -> Option<ServoState>,
+) -> Option<Origin> {
+    let from_tick = tick.checked_sub(u64::from(told.lag))?;
+    let origin = |state, is_others| Origin { state, from_tick, is_others, astray: false };
+    let own = || own(from_tick).map(|state| origin(state, false));
+    let others = || others(from_tick).map(|state| origin(state, true));
+    match told.from {
+        FROM_OWN => own().or_else(others),
+        FROM_OTHER => others().or_else(own),
+        FROM_NOTHING => Some(Origin { from_tick: 0, ..origin(ServoState::default(), false) }),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -193,6 +231,7 @@ mod tests {
     fn who_is_alone_goes_on_alone() {
         let gap = said(90, 0.1, FORCE_ASTRAY);
         assert_eq!(gone_on(gap, said(95, 0.2, 0), None, PEER.incarnation), (0.1, false), "silent for five ticks");
-        assert_eq!(origin(&ServoParams::default(), ME, &gap, None, 100, 0), Origin { state: state_of(&gap), astray: false });
+        let alone = Origin { state: state_of(&gap), from_tick: 90, is_others: false, astray: false };
+        assert_eq!(origin(&ServoParams::default(), ME, &gap, None, 100, 0), alone);
     }
 }

@@ -25,8 +25,8 @@ const UNSEEN_TICKS: u32 = 500;
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 /// Most ticks by which an input may be ahead of the clock: one that were taken would leave all that come before its time unanswered.
 const MOST_AHEAD_TICKS: u64 = 2;
-/// States that a servo keeps in a replay: as far back as a lag is told.
-const HISTORY: usize = 256;
+/// States that a servo keeps in a replay: longer than one that answers nothing is let live.
+const HISTORY: usize = 4_096;
 
 struct Servo<'a> {
     life: &'a Life,
@@ -44,8 +44,11 @@ struct Servo<'a> {
     tells: fn([f32; 3]) -> [f32; 3],
     allocations: u64,
     lies: Lies,
-    /// In a replay: its states of the last ticks. A servo that was held up went on from one that the page has no more, for here it answers every tick.
-    history: VecDeque<ServoState>,
+    /// What was recorded of its answers' origins so far.
+    origins: u64,
+    /// In a replay: the last ticks that it answered, and its states then. A servo that was held up went on from one that the page has no more, for here it
+    /// answers every tick.
+    history: VecDeque<(u64, ServoState)>,
 }
 
 /// The whole life of a servo.
@@ -75,6 +78,7 @@ pub fn run_telling(life: &Life, tells: fn([f32; 3]) -> [f32; 3]) -> Result<(), F
         tells,
         allocations: 0,
         lies: Lies::new(life, size_of::<ForceRecord>()),
+        origins: 0,
         history: VecDeque::with_capacity(if life.is_replay() { HISTORY + 1 } else { 0 }),
     };
     while !servo.is_connected() && !life.clock.stop_requested() {
@@ -166,13 +170,17 @@ impl Servo<'_> {
         Some(Other { seat, newest, before: page.ring(haptic::FORCES, tick - 1) })
     }
 
-    /// In a replay, what the recorded force went on from where that was not the tick before.
+    /// In a replay, what the recorded answer went on from where that was not the usual.
     fn replayed(&self, input: &InputRecord) -> Option<Origin> {
-        let lag = Some(input.replayed_lag).filter(|lag| *lag > 1)?;
-        let tick = input.tick.checked_sub(lag)?;
-        let own = self.history.iter().rev().find(|state| state.tick <= tick).copied().filter(|state| state.tick == tick);
-        let state = own.or_else(|| Some(accord::state_of(&self.peer.as_ref()?.ring(haptic::FORCES, tick)?)))?;
-        Some(Origin { state, astray: false })
+        let told = *input.replayed.get(self.life.slot.index())?;
+        let own = |tick: u64| self.history.iter().rev().find(|(of, _)| *of <= tick).filter(|(of, _)| *of == tick);
+        let others = |tick: u64| self.peer.as_ref()?.ring(haptic::FORCES, tick);
+        accord::replayed(
+            told,
+            input.tick,
+            |tick| own(tick).map(|(_, state)| *state),
+            |tick| others(tick).map(|record| accord::state_of(&record)),
+        )
     }
 
     fn tick(&mut self, input: &InputRecord, woken_ns: u64) {
@@ -181,37 +189,17 @@ impl Servo<'_> {
         let selected = input.selected_incarnation as u32;
         let from = accord::origin(&self.params, me, &self.last, other.as_ref(), input.tick, selected);
         let from = self.replayed(input).unwrap_or(from);
-        let model = contact_model(input);
-        let age = input.tick.saturating_sub(input.model.state_tick).min(u32::MAX as u64) as u32;
-        let request = ServoInput {
-            tick: input.tick,
-            position_m: input.sample.pose.position_m,
-            velocity_m_s: input.sample.velocity_m_s,
-            dt_s: 1e-3,
-            model: &model,
-            model_age_ticks: if input.model.epoch == 0 { u32::MAX } else { age },
-            applied_n: Some(input.applied_n),
-            medium_n: hyst_coupling::felt_of_medium_n(input.on_scope_n),
-        };
-        let limits = &input.limits;
-        let params = self.params.for_device(limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m);
-        let (state, output) = servo_step(&params, &from.state, &request);
         self.leave_shadow(input.tick, other.as_ref());
-        let mut record = ForceRecord {
-            tick: input.tick,
-            input_hash: fnv_words(0, cell::words_of(input)),
-            force_n: output.force_n,
-            flags: (output.flags & 3)
-                | bit(FORCE_SHADOW, self.shadow)
-                | bit(FORCE_ASTRAY, from.astray)
-                | ForceRecord::lag_bits(input.tick, from.state.tick),
-            servo_state: [0; SERVO_STATE_WORDS],
-        };
-        bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));
+        let record = answer(&self.params, input, &from, self.shadow);
         self.life.drag(woken_ns);
         let mut told = ForceRecord { force_n: (self.tells)(record.force_n), ..record };
         self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
+        // Before the force: who records that has this, too.
+        if let Some(origin) = from.record(me.index, input.tick) {
+            page.push(haptic::ORIGINS, self.origins, &origin);
+            self.origins += 1;
+        }
         page.push(haptic::FORCES, input.tick, &told);
         page.write(haptic::FORCE, &told);
         page.store64(header::TICK, told.tick);
@@ -219,7 +207,7 @@ impl Servo<'_> {
         page.write(haptic::INPUT, input); // for a device that is born after this one
         self.last = record;
         if self.life.is_replay() {
-            self.history.push_back(state);
+            self.history.push_back((input.tick, accord::state_of(&record)));
             self.history.drain(..self.history.len().saturating_sub(HISTORY));
         }
     }
@@ -254,6 +242,37 @@ impl Servo<'_> {
     }
 }
 
+/// What a servo answers to an input, going on from there.
+fn answer(params: &ServoParams, input: &InputRecord, from: &Origin, is_in_shadow: bool) -> ForceRecord {
+    let model = contact_model(input);
+    let age = input.tick.saturating_sub(input.model.state_tick).min(u32::MAX as u64) as u32;
+    let request = ServoInput {
+        tick: input.tick,
+        position_m: input.sample.pose.position_m,
+        velocity_m_s: input.sample.velocity_m_s,
+        dt_s: 1e-3,
+        model: &model,
+        model_age_ticks: if input.model.epoch == 0 { u32::MAX } else { age },
+        applied_n: Some(input.applied_n),
+        medium_n: hyst_coupling::felt_of_medium_n(input.on_scope_n),
+    };
+    let limits = &input.limits;
+    let params = params.for_device(limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m);
+    let (state, output) = servo_step(&params, &from.state, &request);
+    let mut record = ForceRecord {
+        tick: input.tick,
+        input_hash: fnv_words(0, cell::words_of(input)),
+        force_n: output.force_n,
+        flags: (output.flags & 3)
+            | bit(FORCE_SHADOW, is_in_shadow)
+            | bit(FORCE_ASTRAY, from.astray)
+            | ForceRecord::lag_bits(input.tick, from.state.tick),
+        servo_state: [0; SERVO_STATE_WORDS],
+    };
+    bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));
+    record
+}
+
 /// `flag` if `set`.
 fn bit(flag: u32, set: bool) -> u32 {
     if set { flag } else { 0 }
@@ -273,3 +292,6 @@ fn contact_model(input: &InputRecord) -> ContactModel {
     model.count = count as u32;
     model
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,4 +1,5 @@
-//! Promise: two servos that lost different ticks to a stall are equal to the bit again within a few ticks, and neither is restarted.
+//! Promise: two servos that lost different ticks to a stall are equal to the bit again within a few ticks, and neither is restarted. Whose state one goes on from
+//! is in its page, for a replay.
 
 mod servos;
 
@@ -18,6 +19,9 @@ fn servos_that_lost_different_ticks_are_equal_again_without_a_restart() {
     b.go_on();
     run(&page, 67..70, &a, &[&a, &b]);
     assert_equal(&a, &b, 69);
+    let taken = b.origins().last().copied().unwrap_or_default();
+    assert_eq!((taken.servo, taken.from_servo, taken.from_tick + 1), (1, 0, taken.tick), "{taken:?}");
+    assert!((66..68).contains(&taken.tick), "{taken:?}");
 
     // A gap in the one that the device follows, which followed the other meanwhile.
     a.stop();

@@ -1,13 +1,13 @@
-//! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid, rendering's pictures, and
-//! what the device on the desk states of itself.
+//! Where the recorder's data come from: the servos' force streams and what they went on from, the rings of the device's lives, the statuses of tissue and fluid,
+//! rendering's pictures, and what the device on the desk states of itself.
 
 use hyst_engine::{Failure, Helper, Helpers, Life};
 use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::{device, fluid, hardware, header, tissue};
-use hyst_messages::{AppliedRecord, DeviceStatement, Kind, Message, Role, Slot, StepRecord};
+use hyst_messages::page::{device, fluid, haptic, hardware, header, tissue};
+use hyst_messages::{AppliedRecord, DeviceStatement, Kind, Message, OriginRecord, Role, Slot, StepRecord};
 use hyst_recording::sequence::{self, RING_TICKS};
 use hyst_recording::{Block, Collector, History, jpeg};
 use std::cell::Cell;
@@ -48,8 +48,8 @@ struct StatusPage {
     incarnation: u32,
     page: ReadPage,
     seen: u64,
-    /// The tick after the newest step of a tissue that was taken.
-    next_step: u64,
+    /// The tick after the newest step of a tissue that was taken; of a servo the origins that were.
+    next: u64,
 }
 
 impl StatusPage {
@@ -61,9 +61,18 @@ impl StatusPage {
     /// The steps of a tissue that are new.
     fn steps(&mut self) -> impl Iterator<Item = StepRecord> + '_ {
         let end = if self.slot.role() == Role::Tissue { self.page.ring_end(tissue::STEPS) } else { 0 };
-        let first = self.next_step.max(end.saturating_sub(tissue::STEPS.entries as u64));
-        self.next_step = self.next_step.max(end);
+        let first = self.next.max(end.saturating_sub(tissue::STEPS.entries as u64));
+        self.next = self.next.max(end);
         (first..end).filter_map(|tick| self.page.ring(tissue::STEPS, tick))
+    }
+
+    /// What answers of a servo went on from, if that is new, from a tick on.
+    fn origins(&mut self, first_tick: u64) -> impl Iterator<Item = OriginRecord> + '_ {
+        let end = if self.slot.role() == Role::Haptic { self.page.ring_end(haptic::ORIGINS) } else { 0 };
+        let first = self.next.max(end.saturating_sub(haptic::ORIGINS.entries as u64));
+        self.next = self.next.max(end);
+        let found = (first..end).filter_map(|count| self.page.ring(haptic::ORIGINS, count));
+        found.filter(move |origin| origin.can_be() && origin.tick >= first_tick)
     }
 }
 
@@ -85,7 +94,9 @@ pub struct Gather {
     hardware: Option<ReadPage>,
     /// Steps of tissues that have gone.
     steps: Vec<StepRecord>,
-    /// The tick from which on steps are taken: a predecessor has written those before.
+    /// Origins that wait for a tick with which they are written.
+    origins: Vec<OriginRecord>,
+    /// The tick from which on steps and origins are taken: a predecessor has written those before.
     first_step: u64,
 }
 
@@ -99,6 +110,7 @@ impl Gather {
             (Role::Tissue, Wanted::Page),
             (Role::Fluid, Wanted::Page),
             (Role::Hardware, Wanted::Page),
+            (Role::Haptic, Wanted::Page),
             (Role::Haptic, Wanted::Stream(Kind::Force)),
             (Role::Rendering, Wanted::Stream(Kind::Picture)),
         ];
@@ -116,6 +128,7 @@ impl Gather {
             pictures: None,
             hardware: None,
             steps: Vec::new(),
+            origins: Vec::new(),
             first_step,
         })
     }
@@ -175,17 +188,13 @@ impl Gather {
             Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife { page, began: Cell::new(None) }),
             Port::Page(page) => {
                 if let Some(at) = self.statuses.iter().position(|status| status.slot == slot) {
-                    let last: Vec<_> = self.statuses[at].steps().collect();
-                    self.steps.extend(last);
-                    self.inbox.retire(Departure::Page(self.statuses.swap_remove(at).page));
+                    let mut before = self.statuses.swap_remove(at);
+                    self.steps.extend(before.steps());
+                    self.origins.extend(before.origins(self.first_step));
+                    self.inbox.retire(Departure::Page(before.page));
                 }
-                self.statuses.push(StatusPage {
-                    slot,
-                    incarnation: arrival.incarnation,
-                    page,
-                    seen: 0,
-                    next_step: self.first_step,
-                });
+                let next = if slot.role() == Role::Tissue { self.first_step } else { 0 };
+                self.statuses.push(StatusPage { slot, incarnation: arrival.incarnation, page, seen: 0, next });
             }
             Port::Client(..) => {} // none was asked for
         }
@@ -240,14 +249,16 @@ impl Gather {
         }
     }
 
-    /// The newest statuses of those who hold the roles, and the steps of every tissue: a spare's may be the one that counted.
+    /// The newest statuses of those who hold the roles, and the steps of every tissue: a spare's may be the one that counted. What servos went on from is read
+    /// after the ticks, so that of each tick which is there all is known that came to its force.
     fn read_statuses(&mut self, roster: &Roster, block: &mut Block) {
         block.steps.append(&mut self.steps);
         for status in &mut self.statuses {
             block.steps.extend(status.steps());
+            self.origins.extend(status.origins(self.first_step));
             let role = status.slot.role();
-            if roster.holder(role).incarnation != status.incarnation {
-                continue;
+            if role == Role::Haptic || roster.holder(role).incarnation != status.incarnation {
+                continue; // a servo has no status
             }
             if role == Role::Tissue {
                 let value = status.page.cell(tissue::STATUS).filter(|(number, _)| *number != status.seen);
@@ -256,6 +267,9 @@ impl Gather {
                 let value = status.page.cell(fluid::STATUS).filter(|(number, _)| *number != status.seen);
                 block.fluid.extend(value.map(|(number, value)| status.note(number, value)));
             }
+        }
+        if !block.applied.is_empty() {
+            block.origins.append(&mut self.origins);
         }
     }
 }

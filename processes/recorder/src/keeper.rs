@@ -309,6 +309,7 @@ fn drop_oldest(queue: &mut Block) {
     for record in queue.applied.drain(..over) {
         TickRange::extend(&mut queue.lost, record.tick);
     }
+    queue.origins.drain(..queue.origins.len().saturating_sub(2 * MAX_TICKS));
     queue.steps.drain(..queue.steps.len().saturating_sub(2 * MAX_TICKS));
     queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
     queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));

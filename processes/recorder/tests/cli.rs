@@ -8,9 +8,10 @@ mod stated;
 
 use hyst_exchange::checkpoint::CheckpointWriter;
 use hyst_exchange::{OwnedPage, ReadPage, Roster, Station, Tenure, system};
-use hyst_messages::page::{ProcessState, device, hardware, recorder, station as layout};
-use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
+use hyst_messages::page::{ProcessState, device, haptic, hardware, recorder, station as layout};
+use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, OriginRecord, RecorderStatus, Role, Slot};
 use hyst_recording::{Ending, Recording, scene_files};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
@@ -43,7 +44,9 @@ impl Stage {
         self.keeper.bump_and_wake(layout::CHANGES);
     }
     fn device(&self, incarnation: u32) -> OwnedPage {
-        let slot = Slot::first(Role::Device);
+        self.engine(Slot::first(Role::Device), incarnation)
+    }
+    fn engine(&self, slot: Slot, incarnation: u32) -> OwnedPage {
         let page = self.station.create_slot(slot, incarnation).unwrap();
         self.announce(slot, incarnation);
         page
@@ -167,6 +170,42 @@ fn every_tick_is_in_the_file_once_although_the_recorder_was_killed_half_way() {
         recording.content.events.iter().filter(|event| event.kind == kind && event.process == process).count()
     };
     assert_eq!((said("skipped", "recorder"), said("started", "device")), (1, 2));
+}
+
+/// Makes ticks until this is in the file.
+fn push_until(stage: &Stage, device: &OwnedPage, next: &mut u64, origin: OriginRecord) {
+    while !Recording::read(&stage.file()).is_ok_and(|read| read.content.origins.contains(&origin)) {
+        push(device, *next..*next + 1);
+        *next += 1;
+        system::sleep_ns(2_000_000);
+    }
+}
+
+/// Where both servos had lost ticks at once nobody had written down whose state each of them went on from.
+#[test]
+fn what_a_servo_went_on_from_is_in_the_file_also_of_one_that_is_followed_and_where_the_recorder_is_killed() {
+    let (mut stage, slot) = (Stage::new("origins", true), Slot::new(Role::Haptic, 1).unwrap());
+    let (device, servo, mut next) = (stage.device(1), stage.engine(slot, 5), 100);
+    let origin = |tick: u64| OriginRecord { tick, from_tick: tick - 3, servo: 1, from_servo: 1 };
+    servo.push(haptic::ORIGINS, 0, &OriginRecord { servo: 2, ..origin(39) }); // nobody's
+    servo.push(haptic::ORIGINS, 1, &origin(40));
+    push(&device, 10..100);
+    stage.start(2);
+    push_until(&stage, &device, &mut next, origin(40));
+    stage.kill();
+    let killed_tick = next;
+    servo.push(haptic::ORIGINS, 2, &origin(killed_tick));
+    stage.start(3);
+    push_until(&stage, &device, &mut next, origin(killed_tick));
+    // What it has said last is read before what its successor says.
+    let died_tick = next;
+    servo.push(haptic::ORIGINS, 3, &origin(died_tick));
+    let successor = stage.engine(slot, 6);
+    successor.push(haptic::ORIGINS, 0, &origin(died_tick + 1));
+    push_until(&stage, &device, &mut next, origin(died_tick + 1));
+    assert_eq!(stage.stop(), Some(0));
+    let told: BTreeSet<u64> = Recording::read(&stage.file()).unwrap().content.origins.iter().map(|origin| origin.tick).collect();
+    assert_eq!(told, BTreeSet::from([40, killed_tick, died_tick, died_tick + 1]));
 }
 
 /// With nobody but recorders to judge it, the second part of a session was judged as if it had begun there.

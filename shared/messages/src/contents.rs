@@ -235,7 +235,7 @@ pub static CONTENTS: [Content; 8] = [
 ];
 
 /// All cells and rings, in the order of [`crate::page`].
-pub static TOLD: [Told; 18] = [
+pub static TOLD: [Told; 19] = [
     told(
         Role::Hardware,
         "SAMPLE",
@@ -265,6 +265,13 @@ pub static TOLD: [Told; 18] = [
     ),
     told(Role::Haptic, "FORCES", "1 kHz", &[Role::Device, Role::Haptic], "a state of the servo that is not sane"),
     told(Role::Haptic, "INPUT", "1 kHz", &[Role::Device], "one that is older than its own"),
+    told(
+        Role::Haptic,
+        "ORIGINS",
+        "each answer that does not go on from its own of the tick before",
+        &[Role::Recorder],
+        "a servo that there is not, a state that is not older",
+    ),
     told(
         Role::Tissue,
         "MODEL",

@@ -31,7 +31,7 @@ pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use mean::{MEAN_TICKS, Shown, mean_after};
 pub use record::*;
-pub use replay::{ReplayRecord, StepRecord};
+pub use replay::{FROM_NOTHING, FROM_OTHER, FROM_OWN, OriginRecord, ReplayRecord, Replayed, StepRecord};
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
 pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_text};
 pub use status::*;
@@ -46,7 +46,7 @@ extern crate self as hyst_messages; // so do the tests of other crates name what
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 21;
+pub const LAYOUT_VERSION: u32 = 22;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 2;
@@ -90,6 +90,7 @@ pub const fn layout_hash() -> u64 {
         size_of::<ForceCommand>(),
         size_of::<AppliedRecord>(),
         size_of::<StepRecord>(),
+        size_of::<OriginRecord>(),
         size_of::<ReplayRecord>(),
         size_of::<HardwareSample>(),
         size_of::<DeviceStatement>(),

@@ -7,7 +7,7 @@ mod swap;
 
 use crate::fluid::FluidStatus;
 use crate::record::*;
-use crate::replay::{ReplayRecord, StepRecord};
+use crate::replay::{OriginRecord, ReplayRecord, StepRecord};
 use crate::statement::DeviceStatement;
 use crate::status::{RecorderStatus, RenderingStatus};
 use crate::tissue::TissueStatus;
@@ -162,8 +162,10 @@ pub mod haptic {
     pub const FORCES: RingAt<ForceRecord> = RingAt::new(FORCE.end(), 8);
     /// The input record that was answered last: a newborn device goes on from its contact model and medium, and takes none that is older.
     pub const INPUT: CellAt<InputRecord> = CellAt::new(FORCES.end());
+    /// What its answers went on from, of the last 1 024 for which that was not its own state of the tick before; keyed by their count.
+    pub const ORIGINS: RingAt<OriginRecord> = RingAt::new(INPUT.end(), 1_024);
     /// Words of the page.
-    pub const WORDS: usize = INPUT.end();
+    pub const WORDS: usize = ORIGINS.end();
 }
 
 /// A tissue's page.

@@ -1,6 +1,7 @@
 //! The fixed-size records that live in cells and rings of the station pages. SI units; world frame: metres, origin at the pivot
 //! in the cervix, +z into the uterus, +y anterior, +x to the patient's right. Padding is explicit, so that every bit is defined.
 
+use crate::replay::Replayed;
 use crate::statement::DeviceLimits;
 use bytemuck::{Pod, Zeroable};
 
@@ -183,8 +184,8 @@ pub struct InputRecord {
     pub pieces: [PieceFlow; MAX_PIECES],
     /// Incarnation of the servo that the device follows, 0 if none: where both servos lost ticks, the other one adopts its state.
     pub selected_incarnation: u64,
-    /// In a replay: how many ticks before this one the servo's state is from that the recorded force went on from; else 0, and the servo knows.
-    pub replayed_lag: u64,
+    /// In a replay: what each servo is to go on from.
+    pub replayed: [Replayed; 2],
     /// Tick of the fluid's state that pressure and flow are from; 0 in a replay, whose recording does not say it.
     pub medium_tick: u64,
     /// Its epoch; 0 if there has been none.
@@ -299,7 +300,9 @@ pub struct AppliedRecord {
     /// Force applied in the tick before, N, as the tick's input says it: that of the record before, unless the device is newborn.
     pub before_n: [f32; 3],
     /// The servo's [`ForceRecord::lag`]; 0 if none was followed.
-    pub lag: u32,
+    pub lag: u16,
+    /// One more than the index of that servo; 0 if none was followed, or an older recording does not say it.
+    pub followed: u16,
     /// The medium, as the tick's input says it.
     pub pieces: [PieceFlow; MAX_PIECES],
     /// Pressure in the cavity, Pa, likewise.

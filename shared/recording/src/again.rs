@@ -1,8 +1,9 @@
-//! The JSON messages by which a session can be done again: what a tick's input says beside the sample, and what each step of the tissue was made from.
+//! The JSON messages by which a session can be done again: what a tick's input says beside the sample, what answers of the servos went on from, and what each
+//! step of the tissue was made from.
 
 use crate::messages::{Number, Xyz};
 use crate::scan::Scan;
-use hyst_messages::{AppliedRecord, DeviceLimits, MAX_PIECES, PieceFlow, StepRecord};
+use hyst_messages::{AppliedRecord, DeviceLimits, MAX_PIECES, OriginRecord, PieceFlow, StepRecord};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -25,10 +26,37 @@ pub(crate) struct Input {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     before_n: Option<Xyz>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    lag: Option<u32>,
+    lag: Option<u16>,
+    /// The index of the servo that the device follows from this tick on; not there if it follows none, and in older recordings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    followed: Option<u16>,
     /// What the device on the desk states of itself; not there if that is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     device_limits: Option<Limits>,
+    /// What was heard of answers since the block before, of this tick and others: in the first message of a block, which is always there.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) origins: Vec<Origin>,
+}
+
+/// What an answer of a servo went on from, where that was not the usual.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Origin {
+    tick: u64,
+    servo: u32,
+    from_tick: u64,
+    from_servo: u32,
+}
+
+impl Origin {
+    pub(crate) fn of(record: &OriginRecord) -> Origin {
+        let OriginRecord { tick, servo, from_tick, from_servo } = *record;
+        Origin { tick, servo, from_tick, from_servo }
+    }
+
+    pub(crate) fn record(self) -> OriginRecord {
+        let Origin { tick, servo, from_tick, from_servo } = self;
+        OriginRecord { tick, servo, from_tick, from_servo }
+    }
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -56,7 +84,7 @@ impl Limits {
 }
 
 /// The usual lag of a servo.
-const USUAL_LAG: u32 = 1;
+const USUAL_LAG: u16 = 1;
 
 impl Input {
     /// The message of a record after the one before, `None` if that says it all.
@@ -64,7 +92,7 @@ impl Input {
         let bits = |force_n: [f32; 3]| force_n.map(f32::to_bits);
         let is_usual = before.is_some_and(|before| bits(before.command.force_n) == bits(record.before_n));
         let lag = Some(record.lag).filter(|lag| *lag != USUAL_LAG);
-        let given = |it: &AppliedRecord| (it.pressure_pa.to_bits(), it.pieces, it.limits, bits(it.on_scope_n));
+        let given = |it: &AppliedRecord| (it.pressure_pa.to_bits(), it.pieces, it.limits, bits(it.on_scope_n), it.followed);
         let is_told = before.is_some_and(|before| given(before) == given(record));
         if is_usual && is_told && lag.is_none() {
             return None;
@@ -78,7 +106,9 @@ impl Input {
             on_scope_n: (bits(record.on_scope_n) != [0; 3]).then(|| Xyz::of(record.on_scope_n)),
             before_n: (!is_usual).then(|| Xyz::of(record.before_n)),
             lag,
+            followed: record.followed.checked_sub(1),
             device_limits: Limits::of(&record.limits),
+            origins: Vec::new(),
         })
     }
 
@@ -90,6 +120,7 @@ impl Input {
                 record.pressure_pa = input.pressure_pa.0;
                 record.on_scope_n = input.on_scope_n.as_ref().map(Xyz::array).unwrap_or_default();
                 record.limits = input.device_limits.as_ref().map(Limits::limits).unwrap_or_default();
+                record.followed = input.followed.map_or(0, |index| index.saturating_add(1));
                 for (to, piece) in record.pieces.iter_mut().zip(input.pieces.iter().take(MAX_PIECES)) {
                     *to = PieceFlow { object: piece.object, velocity_m_s: piece.velocity_m_s.array() };
                 }
@@ -165,6 +196,15 @@ impl Step {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_older_recording_says_neither_whom_the_device_followed_nor_what_answers_went_on_from() {
+        let older: Input = serde_json::from_str(r#"{"tick":7,"pressure_pa":9000.0,"pieces":[],"lag":5}"#).unwrap();
+        assert!(older.origins.is_empty());
+        let mut records = [7, 8].map(|tick| AppliedRecord { tick, ..Default::default() });
+        Input::complete(&mut records, &BTreeMap::from([(7, older)]));
+        assert_eq!(records.map(|record| (record.lag, record.followed)), [(5, 0), (1, 0)]);
+    }
 
     #[test]
     fn the_flow_at_every_piece_is_done_again_also_where_the_first_object_is_one() {

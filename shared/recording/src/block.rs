@@ -1,7 +1,7 @@
 //! A block: what is recorded in some 200 ms, and its bytes: one chunk with its own schemas and channels, then its message indexes, then a
 //! metadata record for each range of ticks that was lost. A block stands for itself, so that damage to another costs it nothing.
 
-use crate::again::{Input, Step};
+use crate::again::{Input, Origin, Step};
 use crate::channels::{Channel, time_of_ns};
 use crate::checkpoint::{Checkpoint, CheckpointMessage};
 use crate::facts::sealed;
@@ -14,7 +14,7 @@ use crate::scene::{self, SceneFile, SceneMessage};
 use crate::sequence::skipped;
 use crate::tissue::Tissue;
 use crate::{Session, WriteError};
-use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, OriginRecord, StepRecord, TissueStatus};
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, MetadataIndex};
 use mcap::write::WriteOptions;
 use serde::Serialize;
@@ -99,6 +99,8 @@ impl TickRange {
 pub struct Block {
     /// Force and tool records, ticks ascending.
     pub applied: Vec<AppliedRecord>,
+    /// What answers of the servos went on from, where that was not the usual. They are written with the block's first tick: without one they are not.
+    pub origins: Vec<OriginRecord>,
     /// Steps of the tissue.
     pub steps: Vec<StepRecord>,
     /// Statuses of the tissue.
@@ -143,6 +145,7 @@ impl Block {
     /// Puts what came before it to its front.
     pub fn precede(&mut self, mut before: Block) {
         before.applied.append(&mut self.applied);
+        before.origins.append(&mut self.origins);
         before.steps.append(&mut self.steps);
         before.tissue.append(&mut self.tissue);
         before.fluid.append(&mut self.fluid);
@@ -208,8 +211,10 @@ impl Pen {
     fn put_all(&mut self, block: &Block) -> Result<(), WriteError> {
         let mut controls = None;
         let mut before = None;
+        let mut origins: Vec<Origin> = block.origins.iter().map(Origin::of).collect();
         for record in &block.applied {
-            if let Some(input) = Input::of(record, before.replace(record)) {
+            if let Some(mut input) = Input::of(record, before.replace(record)) {
+                input.origins = std::mem::take(&mut origins);
                 self.put(Channel::Input, record.tick, &input)?;
             }
             if controls != Some(record.sample.controls) {

@@ -18,7 +18,8 @@ pub enum Channel {
     Tissue = 5,
     /// Status of the fluid, as often as the recorder looks.
     Fluid = 6,
-    /// What the tick's input says of the medium: on change, once in each block, and where a servo or a device did not go on from the tick before.
+    /// What the tick's input says of the medium, and whom the device follows: on change, once in each block, and where a servo or a device did not go on from
+    /// the tick before. What each servo went on from then.
     Input = 7,
     /// Every step of the tissue: what it was made from, and the hash of what came of it.
     Steps = 8,

@@ -2,7 +2,7 @@
 //!
 //! Promise: the block, or what is wrong with it, is the same either way.
 
-use crate::again::{Input, Step};
+use crate::again::{Input, Origin, Step};
 use crate::block::{Block, LOST, STATION, UNKEPT};
 use crate::channels::Channel;
 use crate::checkpoint;
@@ -129,7 +129,8 @@ pub(crate) fn chunk(unpacker: &mut Unpacker, body: &[u8], states: States) -> Res
             Channel::Tissue => block.tissue.push(json::<Tissue>(data)?.status()),
             Channel::Fluid => block.fluid.push(json::<Fluid>(data)?.status()),
             Channel::Input => {
-                let input: Input = json(data)?;
+                let mut input: Input = json(data)?;
+                block.origins.extend(std::mem::take(&mut input.origins).into_iter().map(Origin::record));
                 inputs.insert(input.tick, input);
             }
             Channel::Steps => block.steps.push(Step::scan(data).map_or_else(|| json::<Step>(data)?.record(), Ok)?),

@@ -7,7 +7,7 @@
 use crate::Session;
 use crate::error::ReadError;
 use crate::reader::Reader;
-use hyst_messages::{AppliedRecord, FluidStatus, StepRecord};
+use hyst_messages::{AppliedRecord, FluidStatus, OriginRecord, Replayed, StepRecord};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{Read, Seek};
@@ -25,6 +25,15 @@ pub struct Moment {
     pub step: Option<StepRecord>,
     /// What the fluid said of its state of this tick, if that was recorded.
     pub fluid: Option<FluidStatus>,
+    /// What each servo's answer of this tick went on from, if that was not the usual.
+    pub origins: [Option<OriginRecord>; 2],
+}
+
+impl Moment {
+    /// What each servo is told of that.
+    pub fn replayed(&self) -> [Replayed; 2] {
+        self.origins.map(|origin| origin.map_or_else(Replayed::default, |origin| origin.replayed()))
+    }
 }
 
 /// A recording that is read tick by tick.
@@ -35,6 +44,7 @@ pub struct Playback<R> {
     /// Of each tick the step that counts.
     line: BTreeMap<u64, StepRecord>,
     fluid: BTreeMap<u64, FluidStatus>,
+    origins: BTreeMap<u64, [Option<OriginRecord>; 2]>,
     /// The newest step that was given as due.
     done_tick: u64,
     has_ended: bool,
@@ -56,6 +66,7 @@ impl<R: Read + Seek> Playback<R> {
             steps: BTreeMap::new(),
             line: BTreeMap::new(),
             fluid: BTreeMap::new(),
+            origins: BTreeMap::new(),
             done_tick: 0,
             has_ended: false,
         }
@@ -109,9 +120,11 @@ impl<R: Read + Seek> Playback<R> {
         }
         self.steps = self.steps.split_off(&tick);
         self.fluid = self.fluid.split_off(&tick);
+        self.origins = self.origins.split_off(&tick);
         let applied = self.applied.front().filter(|record| record.tick == tick).copied();
         let (step, fluid) = (self.line.get(&tick).copied(), self.fluid.get(&tick).copied());
-        Ok(Some(Moment { applied, step, fluid }))
+        let origins = self.origins.get(&tick).copied().unwrap_or_default();
+        Ok(Some(Moment { applied, step, fluid, origins }))
     }
 
     /// Reads until the device's newest tick is far enough after `tick`.
@@ -132,6 +145,12 @@ impl<R: Read + Seek> Playback<R> {
                 let known = self.steps.entry(step.tick).or_default();
                 if !known.contains(&step) {
                     known.push(step);
+                }
+            }
+            // A recorder that went on may have written an answer again, and a servo that was born anew may have answered a tick once more: the later one counts.
+            for origin in block.origins.into_iter().filter(|origin| origin.tick >= tick) {
+                if let Some(place) = self.origins.entry(origin.tick).or_default().get_mut(origin.servo as usize) {
+                    *place = Some(origin);
                 }
             }
             self.fluid.extend(block.fluid.into_iter().map(|status| (status.state_tick, status)));
@@ -229,6 +248,19 @@ mod tests {
             let none = Vec::new;
             assert_eq!(due, vec![vec![2], vec![3], vec![4, 5, 6, 7], none(), none(), none(), vec![8], vec![9]], "{late_model}");
         }
+    }
+
+    /// The recorder hears of a late answer after its tick; one that goes on tells what the one before has told; the successor of a servo answers a tick again.
+    #[test]
+    fn a_tick_has_what_each_servo_went_on_from_although_that_was_heard_of_later_or_twice() {
+        let origin = |tick, servo, from_tick| OriginRecord { tick, from_tick, servo, from_servo: servo };
+        let first = Block { applied: [2, 3, 4].map(applied).to_vec(), origins: vec![origin(3, 1, 1)], ..Block::default() };
+        let origins = vec![origin(3, 1, 1), origin(2, 0, 1), origin(6, 0, 4), origin(6, 0, 5), origin(5, 7, 4)];
+        let second = Block { applied: [5, 6].map(applied).to_vec(), origins, ..Block::default() };
+        let mut playback = playback("origins", &[first, second]);
+        let mut from = |tick| playback.at(tick).unwrap().unwrap().origins.map(|origin| origin.map(|origin| origin.from_tick));
+        let seen: Vec<_> = (2..=6).map(&mut from).collect();
+        assert_eq!(seen, [[Some(1), None], [None, Some(1)], [None; 2], [None; 2], [Some(5), None]]);
     }
 
     #[test]

@@ -49,9 +49,13 @@ impl Channel {
             Channel::Input => {
                 let piece = json!({"type": "object", "properties": {"object": {"type": "integer"}, "velocity_m_s": xyz}});
                 let limits = vector_schema(&["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
+                let mut origin = json!({});
+                add(&mut origin, "integer", &["tick", "servo", "from_tick", "from_servo"]);
+                let origin = json!({"type": "object", "properties": origin});
                 let mut fields = json!({"before_n": xyz, "device_limits": limits, "pieces": {"type": "array", "items": piece}});
                 fields["on_scope_n"] = xyz;
-                add(&mut fields, "integer", &["tick", "lag"]);
+                fields["origins"] = json!({"type": "array", "items": origin});
+                add(&mut fields, "integer", &["tick", "lag", "followed"]);
                 add(&mut fields, "number", &["pressure_pa"]);
                 fields
             }
@@ -165,14 +169,14 @@ fn add(fields: &mut Value, kind: &str, names: &[&str]) {
 mod tests {
     use super::*;
     use crate::ProcessSpell;
-    use crate::again::Input;
+    use crate::again::{Input, Origin};
     use crate::fluid::Fluid;
     use crate::messages::{ControlsMessage, Force, Tool};
     use crate::process::Process;
     use crate::tissue::Tissue;
     use hyst_messages::{
         AppliedRecord, BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, DeviceLimits, FluidStatus, ForceCommand,
-        HardwareSample, PieceFlow, Pose, Role, TissueStatus,
+        HardwareSample, OriginRecord, PieceFlow, Pose, Role, TissueStatus,
     };
     use std::collections::BTreeSet;
 
@@ -205,6 +209,7 @@ mod tests {
             pressure_pa: x,
             limits: DeviceLimits { max_force_n: x, max_stiffness_n_m: x, max_damping_n_s_m: x },
             on_scope_n: [x; 3],
+            followed: 2,
             ..AppliedRecord::default()
         };
         let tissue = TissueStatus {
@@ -247,11 +252,13 @@ mod tests {
     /// The messages of those channels that have numbers.
     fn messages(x: f32) -> [(Channel, Value); 7] {
         let (applied, tissue, fluid, spell) = records(x);
+        let mut input = Input::of(&applied, None).unwrap();
+        input.origins = vec![Origin::of(&OriginRecord { tick: 9, from_tick: 8, servo: 1, from_servo: 0 })];
         [
             (Channel::Tool, serde_json::to_value(Tool::of(&applied)).unwrap()),
             (Channel::Force, serde_json::to_value(Force::of(&applied)).unwrap()),
             (Channel::Controls, serde_json::to_value(ControlsMessage::of(7, &applied.sample.controls)).unwrap()),
-            (Channel::Input, serde_json::to_value(Input::of(&applied, None).unwrap()).unwrap()),
+            (Channel::Input, serde_json::to_value(input).unwrap()),
             (Channel::Tissue, serde_json::to_value(Tissue::of(&tissue)).unwrap()),
             (Channel::Fluid, serde_json::to_value(Fluid::of(&fluid)).unwrap()),
             (Channel::Processes, serde_json::to_value(Process::of(&spell)).unwrap()),

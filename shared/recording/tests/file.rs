@@ -27,6 +27,7 @@ fn what_was_written_is_read_bit_for_bit() {
     assert_eq!(recording.applied(), expected);
     let bits = |records: &[AppliedRecord]| records.iter().map(|r| r.sample.pose.position_m[1].to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(recording.applied()), bits(&expected), "a negative zero stays one");
+    assert_eq!(recording.content.origins, [block(5..6).origins, second.origins].concat());
     assert_eq!(recording.content.tissue, [block(5..6).tissue, second.tissue].concat());
     assert_eq!(recording.content.fluid, [block(5..6).fluid, second.fluid].concat());
     assert_eq!(recording.content.events, [block(5..6).events, second.events].concat());

@@ -135,8 +135,8 @@ impl Firmware<'_> {
             self.receive_ports();
             let again = self.life.is_replay().then(|| self.hand.again(tick));
             if let Some((moment, _)) = &again {
-                let recorded = moment.applied.unwrap_or_default();
-                self.life.page.write(hardware::REPLAY, &ReplayRecord { tick, recorded });
+                let (recorded, replayed) = (moment.applied.unwrap_or_default(), moment.replayed());
+                self.life.page.write(hardware::REPLAY, &ReplayRecord { tick, recorded, replayed });
             }
             self.tick_at(tick, tick * TICK_NS, tick, false);
             let begun_ns = system::now_ns();

@@ -174,6 +174,28 @@ fn while_force_is_withheld_who_goes_on_from_what_was_chosen_is_followed_and_not_
     station.wipe();
 }
 
+/// The one that had answered in time was alone with that. In the replay both have, and whoever was nearer was taken, and the other one distrusted.
+#[test]
+fn in_a_replay_who_was_followed_is_followed_although_the_other_one_has_answered_too_and_is_nearer() {
+    let (station, life, pages, mut replicas) = seated("recorded");
+    let here = |newton| Some((newton, 0));
+    let mut take = |tick, followed, said| {
+        replicas.follow(followed);
+        let force_n = taken(&life, &mut replicas, &pages, tick, said);
+        (force_n, replicas.last.incarnation, replicas.last.followed)
+    };
+    assert_eq!(take(1, 0, [here(0.10), here(0.10)]), (Some(0.10), 2, 1), "it is not said who");
+    assert_eq!(take(2, 2, [here(0.11), here(0.30)]), (Some(0.30), 3, 2));
+    assert_eq!(take(3, 1, [here(0.12), here(0.11)]), (Some(0.12), 2, 1));
+    assert_eq!([0, 1].map(|index| life.page.load64(layout::DISTRUSTED + index)), [0; 2], "nobody differs from whom nobody asked");
+    assert_eq!(take(4, 2, [here(0.13), None]), (Some(0.13), 2, 1), "it is dead in the replay");
+    assert_eq!(take(5, 2, [here(0.14), Some((0.30, FORCE_SHADOW))]), (Some(0.14), 2, 1), "and so is another in its place");
+    assert_eq!(take(6, 9, [here(0.15), here(0.15)]), (Some(0.15), 2, 1), "there is no such servo");
+    assert_eq!(take(7, 1, [None, None]).2, 0);
+    drop(replicas);
+    station.wipe();
+}
+
 #[test]
 fn a_force_that_is_the_mediums_alone_is_no_touch_that_stands_still() {
     let mut record = ForceRecord { force_n: [0.003, 0.0, -0.001], ..Default::default() };

@@ -5,7 +5,7 @@
 use hyst_exchange::stream::HeldService;
 use hyst_exchange::{Links, OwnedPage, ReadPage, Station, system};
 use hyst_messages::page::{device, haptic, header, station as layout};
-use hyst_messages::{ContactModel, ContactPlane, ForceRecord, InputRecord, Kind, Role, Slot};
+use hyst_messages::{ContactModel, ContactPlane, ForceRecord, InputRecord, Kind, OriginRecord, Role, Slot};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use std::process::{Child, Command, Stdio};
 
@@ -72,6 +72,11 @@ impl Servo {
 
     pub fn go_on(&self) {
         kill_process(self.pid(), Signal::CONT).unwrap();
+    }
+
+    /// What its answers went on from, where that was not its own state of the tick before.
+    pub fn origins(&self) -> Vec<OriginRecord> {
+        (0..self.page.ring_end(haptic::ORIGINS)).filter_map(|count| self.page.ring(haptic::ORIGINS, count)).collect()
     }
 
     /// Its word of a tick, as soon as it is there.

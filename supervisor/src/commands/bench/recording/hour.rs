@@ -89,6 +89,9 @@ fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
     for step in &mut block.steps {
         (step.tick, step.input_tick, step.from_tick) = (to(step.tick), to(step.input_tick), to(step.from_tick));
     }
+    for origin in &mut block.origins {
+        (origin.tick, origin.from_tick) = (to(origin.tick), to(origin.from_tick));
+    }
     block.tissue.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
     block.fluid.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
     block.events.iter_mut().for_each(|event| event.tick = to(event.tick));
