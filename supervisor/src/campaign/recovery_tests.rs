@@ -1,7 +1,6 @@
 //! What may fall into whose recovery.
 
 use super::*;
-use crate::campaign::cell::Cell;
 
 #[test]
 fn a_fault_in_a_recovery_has_another_beside_it() {
