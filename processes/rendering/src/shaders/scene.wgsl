@@ -316,7 +316,8 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
 const GAS_RATIO: f32 = 0.752;                                 // refractive index of gas over saline's, 1.00 and 1.33
 const GAS_BENT: vec2<f32> = vec2<f32>(0.30, 0.70);            // from where to where, in shares of its radius, the view straight through gives way to the bent one
 const GAS_RING: vec4<f32> = vec4<f32>(0.62, 0.74, 0.84, 0.98); // where in its radius the ring begins, is darkest from and to, and ends
-const GAS_DARK: f32 = 0.7;                                    // share of the light that the ring lacks beside what the cavity's shape takes from it
+const GAS_DARK: f32 = 0.45;                                   // share of the light that the ring lacks beside what the cavity's shape takes from it
+const GAS_FILL: f32 = 0.04;                                   // light from the sides that the lamp does not give, beside that of a wall
 const GAS_EDGE: f32 = 0.93;                                   // from here to the edge it fades, or that would be drawn in steps
 const GAS_GLINTS: vec2<f32> = vec2<f32>(0.35, 0.12);          // strength of the lamp's two images
 const GAS_SHARP: f32 = 220.0;                                 // their sharpness, as a lobe's power
@@ -340,7 +341,9 @@ fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f3
     let outer = refract(inner, -far_n, GAS_RATIO);
     let ring = smoothstep(GAS_RING.x, GAS_RING.y, off) * (1.0 - smoothstep(GAS_RING.z, GAS_RING.w, off));
     let fading = 1.0 - smoothstep(GAS_EDGE, 1.0, off);
-    let shown = (mirrored * across(in.world, reflect(-v, n)) + bent * across(in.world, outer)) * ((1.0 - GAS_DARK * ring) * fading);
+    let fill = ACROSS * (GAS_FILL * g.cone.y);
+    let from_sides = mirrored * (across(in.world, reflect(-v, n)) + fill) + bent * (across(in.world, outer) + fill);
+    let shown = from_sides * ((1.0 - GAS_DARK * ring) * fading);
     let h = normalize(l + v);
     let glints = GAS_GLINTS.x * lobe(dot(n, h), GAS_SHARP) + GAS_GLINTS.y * lobe(dot(2.0 * facing * v - n, h), GAS_SHARP);
     let glint = glints * min(e, 1.5);
