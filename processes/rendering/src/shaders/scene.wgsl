@@ -140,20 +140,32 @@ fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
 
-// How much of a point is the mouth of a tube, how much the rim about it, and which way that falls: a funnel whose ragged edge is drawn in, in a paler ring.
+// How much of a point is the mouth of a tube, how much the dimple about it, which is redder than the wall, and which way that falls: a slit with a ragged edge.
+// How it lies, how long it is and which way it bends goes by its place: no two are alike.
 struct Mouth { pit: f32, rim: f32, fall: vec3<f32> };
+const MOUTH_REACH: f32 = 3.4;   // radii to which the dimple about one goes
 fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
     var found = Mouth(0.0, 0.0, vec3<f32>(0.0));
     for (var k = 0; k < 2; k++) {
         let mouth = o.mouths[k];
         if mouth.w <= 0.0 { continue; }
-        let away = rest - mouth.xyz;
+        let away = (rest - mouth.xyz) / mouth.w;
         let far = length(away);
-        let d = far / mouth.w * (1.0 + 0.20 * ragged);
-        if d > 3.2 { continue; }
-        let pit = 1.0 - smoothstep(0.30, 1.15, d);
-        let rim = smoothstep(0.5, 1.2, d) * (1.0 - smoothstep(1.6, 3.2, d));
-        found = Mouth(max(found.pit, pit), max(found.rim, rim), found.fall - away / max(far, 1.0e-6) * rim);
+        if far > 1.3 * MOUTH_REACH { continue; }
+        let own = fract(mouth.xyz * vec3<f32>(700.0, 900.0, 1100.0));
+        // The tubes leave to the sides: a slit lies in the plane across.
+        let turn = 2.4 * own.x - 1.2;
+        let along = vec3<f32>(0.0, sin(turn), cos(turn));
+        let aside = vec3<f32>(0.0, along.z, -along.y);
+        let run = dot(away, along);
+        let off = dot(away, aside) + (0.9 * own.y - 0.45) * run * run;
+        let narrow = vec3<f32>(1.0, mix(0.40, 0.80, own.z), 1.6) * vec3<f32>(away.x, run, off);
+        let edge = 1.0 + 0.20 * ragged;
+        let pit = 1.0 - smoothstep(0.25, 1.10, length(narrow) * edge);
+        let d = far * edge;
+        let rim = 1.0 - smoothstep(0.6, MOUTH_REACH, d);
+        let fall = smoothstep(0.3, 1.2, d) * (1.0 - smoothstep(1.6, MOUTH_REACH, d));
+        found = Mouth(max(found.pit, pit), max(found.rim, rim), found.fall - away / max(far, 1.0e-3) * fall);
     }
     return found;
 }
@@ -248,8 +260,9 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
     let mouth = smoothstep(0.58, 0.84, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
-    albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.35 * tube.rim * (1.0 - in.raw));
-    albedo = mix(albedo, vec3<f32>(0.06, 0.008, 0.008), 0.94 * tube.pit * (1.0 - in.raw));
+    albedo = mix(albedo, vec3<f32>(0.42, 0.10, 0.085), 0.60 * tube.rim * (1.0 - in.raw));
+    let depth = mix(vec3<f32>(0.20, 0.03, 0.025), vec3<f32>(0.09, 0.013, 0.011), tube.pit * tube.pit);
+    albedo = mix(albedo, depth, smoothstep(0.0, 0.7, tube.pit) * (1.0 - in.raw));
     albedo = albedo * laid_open.skin + laid_open.colour;
     // contact coagulation: the lining blanches, within that the protein turns white, and in the middle, where it was hottest, there are crumbs of char
     let white = blanched(in.rest, fine.w + 0.9 * b1.w);
