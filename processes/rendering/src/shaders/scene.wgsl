@@ -50,6 +50,7 @@ struct Varying {
     @location(1) normal: vec3<f32>,
     @location(2) rest: vec3<f32>,
     @location(3) raw: f32,
+    @location(4) open: f32,
 };
 
 fn sane(x: f32) -> bool {
@@ -57,7 +58,8 @@ fn sane(x: f32) -> bool {
 }
 
 @vertex
-fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32) -> Varying {
+fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32,
+          @location(4) open: f32) -> Varying {
     var p = position;
     if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
     var v: Varying;
@@ -74,6 +76,7 @@ fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @loc
     v.normal = (o.model * vec4<f32>(n, 0.0)).xyz;
     v.rest = rest;
     v.raw = f32(min(raw, 1u));
+    v.open = open;
     v.clip = g.view_proj * w;
     return v;
 }
@@ -224,6 +227,9 @@ fn wound(rest: vec3<f32>, cut: f32, a: vec4<f32>, fine: vec4<f32>, height: f32, 
 const FILM_SQUARE: f32 = 0.0007;
 const FILM_GLANCE: f32 = 0.55;
 
+// What is left of the light where surfaces leave no room for any to come from the sides: most of it has gone through tissue on its way, and is red.
+const CLOSED: vec3<f32> = vec3<f32>(0.40, 0.22, 0.20);
+
 // `full` is the light that would reach it, `e` what of it does.
 // `grain` is how much of the rest position a pixel covers, m: what is finer is looked up as its mean, or a wall far off would be of sand.
 fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32, grain: f32) -> vec3<f32> {
@@ -280,6 +286,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // A growth is thin at its limb: light that went in beside comes out there, red.
     let limb = 1.0 - max(dot(n0, v), 0.0);
     if !NO_SOFT { c += albedo * vec3<f32>(0.20, 0.05, 0.035) * (o.extra.x * limb * limb * min(e, 1.0) * (1.0 - in.raw)); }
+    c *= mix(CLOSED, vec3<f32>(1.0), in.open);
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
     // Far off a pixel holds many ripples, whose glints are one broad shine and no grains of salt.
     let calm = smoothstep(0.006, 0.024, distance(in.world, g.eye.xyz));
@@ -288,7 +295,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    var wet = (1.0 - o.surface.x) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    var wet = (1.0 - o.surface.x) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit) * in.open;
     if NO_WET { wet = 0.0; }
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
