@@ -6,7 +6,7 @@ use std::{error::Error, path::Path};
 use glam::{Quat, Vec3};
 use rendering::{
     Appearance, Camera, Endoscope, External, FluidField, Gpu, Material, Overlay, PASS_NAMES, Prefer, Renderer, SHADED_SCALE,
-    SurfaceMesh, View,
+    SurfaceMesh, Surroundings, View,
     shapes::{self, Shape},
 };
 
@@ -73,6 +73,11 @@ fn set_stage(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
     let growth = read_obj(&assets.join("polyp-surface.obj")).unwrap_or_else(|| shapes::ball([0.004, 0.0, 0.042], 0.004, 24, 32));
     put(renderer, ORGAN, &organ, Material::MucosaTissue)?;
     put(renderer, POLYP, &growth, Material::Polyp)?;
+    let held = [mesh(&organ, Material::MucosaTissue), mesh(&growth, Material::Polyp)];
+    let surroundings = Surroundings::of(&held);
+    for (id, mesh) in [ORGAN, POLYP].into_iter().zip(&held) {
+        renderer.stage().set_openness(id, &surroundings.openness(mesh))?;
+    }
     put(renderer, SCOPE, &shapes::scope(0.0025, 0.30, 0.5), Material::Metal)?;
     put(renderer, RING, &shapes::loop_ring(0.0022, 0.000_15), Material::Metal)?;
     put(renderer, ARMS, &shapes::loop_arms(0.0022, 0.000_15, 0.06), Material::Metal)?;
@@ -140,9 +145,11 @@ fn cloud(cell: usize) -> f32 {
 }
 
 fn put(renderer: &mut Renderer, id: u64, shape: &Shape, material: Material) -> Result<(), rendering::RenderError> {
-    let mesh =
-        SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance: Appearance::of(material) };
-    renderer.stage().set_object(id, mesh)
+    renderer.stage().set_object(id, mesh(shape, material))
+}
+
+fn mesh(shape: &Shape, material: Material) -> SurfaceMesh<'_> {
+    SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance: Appearance::of(material) }
 }
 
 /// Vertices (millimetres in the file) and triangles of a Wavefront file; none if it cannot be read.

@@ -56,6 +56,6 @@ pub use overlay::{ALARM, ALARM_COLUMNS, COLUMNS, Overlay, ROWS};
 pub use present::{Shown, append_jpeg, save_png};
 pub use quality::{MIN_SCALE, Quality, SCALE_STEP, SHADED_SCALE, next_scale};
 pub use renderer::{FRAME_LIMIT, FrameStats, MAX_SIDE_PX, Renderer};
-pub use stage::{Appearance, MAX_OBJECTS, MAX_SPOTS, MAX_TRIANGLES, Material, Stage, SurfaceMesh};
+pub use stage::{Appearance, MAX_OBJECTS, MAX_SPOTS, MAX_TRIANGLES, Material, Stage, SurfaceMesh, Surroundings};
 pub use timing::PASS_NAMES;
 pub use window::{Pane, Status, Window};

@@ -6,7 +6,7 @@ use crate::instrument::{Instrument, TOOL};
 use crate::looks;
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_messages::{Kind, Message, SealRecord, WireError};
-use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, Stage, SurfaceMesh, ostia};
+use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, Stage, SurfaceMesh, Surroundings, ostia};
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
@@ -21,6 +21,9 @@ pub const CONTACTS: u64 = TOOL + 7;
 pub const FORCE: u64 = TOOL + 8;
 /// Radius of the spot about a vessel that is sealed, m: as far from its mouth as the loop may have touched it, and half a millimetre more (assumed).
 const SPOT_M: f32 = 2e-3;
+/// Vertices of an object up to which it is looked anew how open it is about each when a cut has changed another object: some milliseconds. A larger one keeps
+/// what was found when it was made.
+const MOST_ANEW: usize = 50_000;
 const ORGAN: u32 = ObjectKind::Organ as u32;
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
@@ -151,6 +154,13 @@ fn print_of(triangles: &[[u32; 3]], rest_m: &[[f32; 3]], raw: &[u32]) -> u64 {
     hasher.finish()
 }
 
+/// What there is about the surfaces that are held, one for each part: what has come free is not where it was at rest.
+fn surroundings(parts: &[Part], meshes: &[SurfaceMesh<'_>]) -> Surroundings {
+    let of_held = parts.iter().zip(meshes).filter(|(part, _)| part.kind != FREE_PIECE);
+    let held: Vec<SurfaceMesh<'_>> = of_held.map(|(_, mesh)| *mesh).collect();
+    Surroundings::of(&held)
+}
+
 fn usual(kind: u32) -> Appearance {
     Appearance::of(if matches!(kind, PATHOLOGY | FREE_PIECE) { Material::Polyp } else { Material::MucosaTissue })
 }
@@ -199,18 +209,24 @@ impl Scenery {
             stage.remove_object(id);
             self.prints.remove(&id);
         }
-        for part in &parts {
-            let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
-            let appearance = self.looks.get(&part.id).copied().unwrap_or_else(|| usual(part.kind));
-            let print = print_of(&part.triangles, rest_m, raw);
-            if self.prints.get(&part.id) == Some(&print) {
-                stage.set_appearance(part.id, appearance)?;
+        let meshes: Vec<SurfaceMesh<'_>> = parts.iter().map(|part| self.mesh(part, rest_m, raw)).collect();
+        let surroundings = surroundings(&parts, &meshes);
+        for (part, mesh) in parts.iter().zip(&meshes) {
+            let print = print_of(mesh.triangles, mesh.rest_m, mesh.raw);
+            let is_known = self.prints.get(&part.id) == Some(&print);
+            if is_known {
+                stage.set_appearance(part.id, mesh.appearance)?;
             } else {
-                stage.set_object(part.id, SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance })?;
+                stage.set_object(part.id, *mesh)?;
                 self.prints.insert(part.id, print);
             }
+            if part.kind == FREE_PIECE {
+                stage.set_openness(part.id, &vec![1.0; mesh.rest_m.len()])?;
+            } else if !is_known || mesh.rest_m.len() <= MOST_ANEW {
+                stage.set_openness(part.id, &surroundings.openness(mesh))?;
+            }
             let mouths = if part.kind == ORGAN {
-                *self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles))
+                *self.mouths.entry(part.id).or_insert_with(|| ostia(mesh.rest_m, mesh.raw, mesh.triangles))
             } else {
                 [[0.0; 4]; 2]
             };
@@ -226,6 +242,13 @@ impl Scenery {
         self.held = parts.iter().filter(|part| part.kind != FREE_PIECE).map(|part| part.id).collect();
         self.surfaces = parts.iter().map(|part| (part.id, part.vertices.clone())).collect();
         Ok(parts.iter().map(|part| size_of_val(part.triangles.as_slice()) as u64).sum())
+    }
+
+    /// A part of a topology with these places and wounds, as the stage takes it.
+    fn mesh<'a>(&self, part: &'a Part, rest_m: &'a [[f32; 3]], raw: &'a [u32]) -> SurfaceMesh<'a> {
+        let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
+        let appearance = self.looks.get(&part.id).copied().unwrap_or_else(|| usual(part.kind));
+        SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance }
     }
 
     /// Blanches what is held where vessels are coagulated: at places of the shape at rest, so that the spots move with the tissue. What floats has none.

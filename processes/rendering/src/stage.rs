@@ -3,6 +3,7 @@
 //! Promise: what streams in is read in place; handing it to the driver is the only copy. Topology is checked once, when it arrives: no later
 //! picture can read outside a buffer. Positions are not checked: the passes draw a vertex that is not finite (or farther than 10 m) at its
 //! rest position. Objects are drawn in the order of their ids.
+mod openness;
 mod tree;
 
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ use glam::{Mat4, Quat, Vec3};
 use wgpu::BufferUsages as Usage;
 
 use crate::{error::RenderError, gpu::Gpu, pipelines::Pipelines};
+
+pub use openness::Surroundings;
 
 /// Objects at one time: as many as a tissue registers (a cavity, its pathology, the pieces of a long session), and what is the picture's own.
 pub const MAX_OBJECTS: usize = 256 + 16;
@@ -107,7 +110,7 @@ impl Object {
     /// Draws it with the pipeline that is set.
     pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         pass.set_bind_group(1, &self.look, &[]);
-        for (slot, points) in (0..).zip([&self.positions, &self.normals, &self.rest, &self.raw]) {
+        for (slot, points) in (0..).zip([&self.positions, &self.normals, &self.rest, &self.raw, &self.open]) {
             pass.set_vertex_buffer(slot, points.slice(..));
         }
         pass.set_index_buffer(self.triangles.slice(..), wgpu::IndexFormat::Uint32);
@@ -120,6 +123,7 @@ pub(crate) struct Object {
     pub normals: wgpu::Buffer,
     pub rest: wgpu::Buffer,
     pub raw: wgpu::Buffer,
+    pub open: wgpu::Buffer,
     pub triangles: wgpu::Buffer,
     pub uniform: wgpu::Buffer,
     pub look: wgpu::BindGroup,
@@ -292,6 +296,7 @@ impl Stage {
         let smooth = vec![0; if mesh.raw.is_empty() { mesh.rest_m.len() } else { 0 }];
         let raw: &[u32] = if mesh.raw.is_empty() { &smooth } else { mesh.raw };
         let raw = self.filled("raw", bytemuck::cast_slice(raw), Usage::VERTEX);
+        let open = self.filled("open", bytemuck::cast_slice(&vec![1.0_f32; mesh.rest_m.len()]), Usage::VERTEX);
         let triangles = self.filled("triangles", corners, Usage::INDEX | Usage::STORAGE);
         let first = self.filled("first", bytemuck::cast_slice(first), Usage::STORAGE);
         let incident = self.filled("incident", bytemuck::cast_slice(incident), Usage::STORAGE);
@@ -303,6 +308,7 @@ impl Stage {
             normals,
             rest,
             raw,
+            open,
             triangles,
             uniform,
             look,

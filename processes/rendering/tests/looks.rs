@@ -290,3 +290,64 @@ fn a_coagulated_spot_is_charred_in_the_middle_white_about_it_and_fades_into_the_
     assert!(core[0] < -12.0 && core[1] < 0.6 * white[1] && white[0].abs() < 8.0 && white[1] > 35.0, "{core:?} {white:?}");
     assert!((4.0..0.5 * white[1]).contains(&rim[1]) && lining[1].abs() < 2.0, "{white:?} {rim:?} {lining:?}");
 }
+
+/// The end of a horn as `close_up(0.008)` sees it, with this place of the tube's mouth in its middle, and with the mouth or without.
+fn end_of_horn(mouth_m: Vec3, has_mouth: bool) -> impl Fn(&mut Renderer) {
+    move |r: &mut Renderer| {
+        let end = wall(0.008, 0.010);
+        // In the organ it lies across the cavity's width.
+        let rest_m: Vec<[f32; 3]> =
+            end.positions_m.iter().map(|[x, y, _]| (mouth_m + Vec3::new(0.0, *y, *x)).to_array()).collect();
+        let appearance = Appearance::of(Material::MucosaTissue);
+        let mesh = SurfaceMesh { triangles: &end.triangles, rest_m: &rest_m, raw: &[], appearance };
+        r.stage().set_object(CAVITY, mesh).expect("a sound mesh");
+        r.stage().update_positions(CAVITY, &end.positions_m).expect("as many as before");
+        let radius_m = if has_mouth { 0.0015 } else { 0.0 };
+        r.stage().set_mouths(CAVITY, [mouth_m.extend(radius_m).to_array(), [0.0; 4]]).expect("it is there");
+    }
+}
+
+/// How long some pixels lie in one direction, of how wide they lie across it: the root of their largest variance over their least.
+fn elongation(pixels: &[[u32; 2]]) -> f32 {
+    let mean =
+        |of: &dyn Fn([f32; 2]) -> f32| pixels.iter().map(|at| of(at.map(|px| px as f32))).sum::<f32>() / pixels.len() as f32;
+    let (x, y) = (mean(&|[x, _]| x), mean(&|[_, y]| y));
+    let [xx, yy, xy] = [mean(&|[a, _]| (a - x).powi(2)), mean(&|[_, b]| (b - y).powi(2)), mean(&|[a, b]| (a - x) * (b - y))];
+    let (half, apart) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+    ((half + apart) / (half - apart).max(1e-3)).sqrt()
+}
+
+/// Both were black dots, as round and as large, in a pale ring.
+#[test]
+fn the_mouths_of_the_tubes_are_slits_in_a_red_dimple_and_the_two_are_unlike() {
+    let view = close_up(0.008);
+    // Those of the default organ.
+    let mouths_m = [Vec3::new(0.014_609, -0.000_441, 0.045_152), Vec3::new(-0.014_525, 0.000_137, 0.045_775)];
+    let mut slits: Vec<Vec<[u32; 2]>> = Vec::new();
+    for mouth_m in mouths_m {
+        let Some(with) = shot(PLAIN, &view, end_of_horn(mouth_m, true)) else { return };
+        let Some(without) = shot(PLAIN, &view, end_of_horn(mouth_m, false)) else { return };
+        let is_pit = |[x, y]: &[u32; 2]| 2 * pixel(&with, *x, *y)[1] < pixel(&without, *x, *y)[1];
+        slits.push(middle([78, 58]).filter(is_pit).collect());
+        // Its radius is 19.5 pixels.
+        let off = |[x, y]: &[u32; 2]| (*x as f32 + 0.5 - 0.5 * WIDTH as f32).hypot(*y as f32 + 0.5 - 0.5 * HEIGHT as f32) / 19.5;
+        let rises_at = |from: f32, to: f32| {
+            let places: Vec<[u32; 2]> = middle([78, 58]).filter(|at| (from..to).contains(&off(at)) && !is_pit(at)).collect();
+            rises([&with, &without], &places)
+        };
+        let [dimple, rim] = [rises_at(1.2, 1.6), rises_at(1.8, 2.2)];
+        println!(
+            "{} pixels of slit; red and green of the dimple {dimple:?}, farther out {rim:?}",
+            slits.last().map_or(0, Vec::len)
+        );
+        assert!(
+            dimple[1] < -15.0 && dimple[0] > 0.85 * dimple[1] && rim[1] < -4.0 && rim[1] > 0.7 * dimple[1],
+            "{dimple:?} {rim:?}"
+        );
+    }
+    let long = [0, 1].map(|which: usize| elongation(&slits[which]));
+    let both = slits[0].iter().filter(|at| slits[1].contains(at)).count();
+    let any = slits[0].len() + slits[1].len() - both;
+    println!("{long:?} times as long as wide; {both} of {any} pixels in both");
+    assert!(long.iter().all(|long| (1.7..6.0).contains(long)) && 2 * both < any, "{long:?}, {both} of {any}");
+}

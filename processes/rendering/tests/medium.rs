@@ -106,8 +106,9 @@ fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
     assert!(there > seen / 2, "{there} of {seen} pixels are where it is");
     // More than there was room for, then more than are ever drawn, then none: nothing is left of them.
     for count in [100, 5_000] {
-        bubbles.show(r.stage(), &vec![[0.0, 6.2e-4, 0.023, 1e-3]; count]).unwrap();
-        assert_eq!(changed(&with, &picture(&mut r, &view)), 0, "{count} in one place");
+        let behind = vec![[0.0, 0.0, -0.05, 1e-3]; count];
+        bubbles.show(r.stage(), &[&parcels[..1], &behind[..]].concat()).unwrap();
+        assert_eq!(changed(&with, &picture(&mut r, &view)), 0, "{count} behind the lens");
     }
     assert_eq!(bubbles.show(r.stage(), &parcels[1..]).unwrap(), 0);
     assert!(!r.stage().ids().any(|id| id == 77));
@@ -214,4 +215,28 @@ fn from_outside_without_a_section_blood_shows_wherever_it_is() {
     };
     let sides = [[0.006, 0.020], [-0.020, -0.004]].map(&mut with_blood);
     assert!(sides.iter().all(|pixels| *pixels > 1_000), "{sides:?}");
+}
+
+/// Each parcel was one ball, all of them of one size, and a string of them a row of pearls.
+#[test]
+fn parcels_that_are_alike_are_bubbles_that_are_not() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let mut view = sharp();
+    let before = picture(&mut r, &view); // which sets the exposure
+    view.adaptation = 0.0;
+    let mut bubbles = Bubbles::new(77);
+    // The others of the row lie behind the lens.
+    let mut shown = |number: usize| {
+        let mut parcels = [[0.0, 0.0, -0.05, 4e-3]; 16];
+        parcels[number] = [0.0, 1e-3, 0.023, 4e-3];
+        bubbles.show(r.stage(), &parcels).unwrap();
+        picture(&mut r, &view)
+    };
+    let all: Vec<Vec<u8>> = (0..16).map(&mut shown).collect();
+    let pixels = all.iter().map(|shot| changed(&before, shot)).collect::<Vec<_>>();
+    let alike = (1..16).filter(|number| changed(&all[number - 1], &all[*number]) < 20).count();
+    println!("{pixels:?} pixels of each, {alike} of 15 like the one before");
+    assert!(pixels.iter().all(|pixels| *pixels > 40) && alike < 4, "{pixels:?}, {alike} alike");
+    let again = shown(1);
+    assert_eq!(changed(&all[1], &again), 0, "it stays as it is");
 }

@@ -1,7 +1,8 @@
-//! How surfaces are drawn: what sticks to them, what is finer than a pixel, the lobes of growths, and the lines of their meshes.
+//! How surfaces are drawn: what sticks to them, what is finer than a pixel, the lobes of growths, where they come close to others, and the lines of their
+//! meshes.
 mod stand;
 
-use rendering::{Appearance, Camera, External, Material, Without, shapes};
+use rendering::{Appearance, Camera, External, Material, RenderError, Without, shapes};
 use stand::*;
 
 /// Colour and vessels alone, under a light that nothing bends.
@@ -131,4 +132,32 @@ fn the_lines_of_a_mesh_are_drawn_from_outside_where_the_device_draws_lines() {
     let plain = picture(&mut r, &inside);
     inside.has_lines = true;
     assert_eq!(changed(&plain, &picture(&mut r, &inside)), 0, "they are not for the surgeon");
+}
+
+/// Where a growth meets the wall it was as light as everywhere.
+#[test]
+fn where_it_is_not_open_it_is_darker_and_redder_and_what_is_no_number_is_open() {
+    let Some(mut r) = renderer() else { return };
+    let (lining, view) = (wall(0.008, 0.010), close_up(0.008));
+    let appearance = Appearance::of(Material::MucosaTissue);
+    put_plain(&mut r, CAVITY, &lining, appearance);
+    let open = picture(&mut r, &view);
+    // +x is on the picture's left.
+    let shares: Vec<f32> = lining.positions_m.iter().map(|place| if place[0] > 1e-6 { 0.3 } else { 1.0 }).collect();
+    r.stage().set_openness(CAVITY, &shares).unwrap();
+    let shut = picture(&mut r, &view);
+    let of = |shot: &[u8], channel: usize, from: u32, to: u32| {
+        mean(shot, channel, (20..100).flat_map(|y| (from..to).map(move |x| [x, y])))
+    };
+    let [red, green] = [0, 1].map(|channel| of(&shut, channel, 10, 45) / of(&open, channel, 10, 45));
+    let beside = of(&shut, 1, 84, 150) - of(&open, 1, 84, 150);
+    println!("{red} of the red and {green} of the green are left, beside it green is {beside} more");
+    assert!(green < 0.85 && green + 0.08 < red && red < 0.95 && beside.abs() < 0.5, "{red} {green} {beside}");
+    r.stage().set_openness(CAVITY, &vec![f32::NAN; shares.len()]).unwrap();
+    assert_eq!(changed(&open, &picture(&mut r, &view)), 0);
+    r.stage().set_openness(CAVITY, &shares).unwrap();
+    put_plain(&mut r, CAVITY, &lining, appearance);
+    assert_eq!(changed(&open, &picture(&mut r, &view)), 0, "what is made anew is open");
+    assert!(matches!(r.stage().set_openness(CAVITY, &shares[1..]), Err(RenderError::WrongLength { .. })));
+    assert!(matches!(r.stage().set_openness(99, &shares), Err(RenderError::UnknownObject(99))));
 }

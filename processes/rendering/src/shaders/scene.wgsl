@@ -50,6 +50,7 @@ struct Varying {
     @location(1) normal: vec3<f32>,
     @location(2) rest: vec3<f32>,
     @location(3) raw: f32,
+    @location(4) open: f32,
 };
 
 fn sane(x: f32) -> bool {
@@ -57,7 +58,8 @@ fn sane(x: f32) -> bool {
 }
 
 @vertex
-fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32) -> Varying {
+fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32,
+          @location(4) open: f32) -> Varying {
     var p = position;
     if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
     var v: Varying;
@@ -74,6 +76,7 @@ fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @loc
     v.normal = (o.model * vec4<f32>(n, 0.0)).xyz;
     v.rest = rest;
     v.raw = f32(min(raw, 1u));
+    v.open = open;
     v.clip = g.view_proj * w;
     return v;
 }
@@ -140,20 +143,32 @@ fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
 
-// How much of a point is the mouth of a tube, how much the rim about it, and which way that falls: a funnel whose ragged edge is drawn in, in a paler ring.
+// How much of a point is the mouth of a tube, how much the dimple about it, which is redder than the wall, and which way that falls: a slit with a ragged edge.
+// How it lies, how long it is and which way it bends goes by its place: no two are alike.
 struct Mouth { pit: f32, rim: f32, fall: vec3<f32> };
+const MOUTH_REACH: f32 = 3.4;   // radii to which the dimple about one goes
 fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
     var found = Mouth(0.0, 0.0, vec3<f32>(0.0));
     for (var k = 0; k < 2; k++) {
         let mouth = o.mouths[k];
         if mouth.w <= 0.0 { continue; }
-        let away = rest - mouth.xyz;
+        let away = (rest - mouth.xyz) / mouth.w;
         let far = length(away);
-        let d = far / mouth.w * (1.0 + 0.20 * ragged);
-        if d > 3.2 { continue; }
-        let pit = 1.0 - smoothstep(0.30, 1.15, d);
-        let rim = smoothstep(0.5, 1.2, d) * (1.0 - smoothstep(1.6, 3.2, d));
-        found = Mouth(max(found.pit, pit), max(found.rim, rim), found.fall - away / max(far, 1.0e-6) * rim);
+        if far > 1.3 * MOUTH_REACH { continue; }
+        let own = fract(mouth.xyz * vec3<f32>(700.0, 900.0, 1100.0));
+        // The tubes leave to the sides: a slit lies in the plane across.
+        let turn = 2.4 * own.x - 1.2;
+        let along = vec3<f32>(0.0, sin(turn), cos(turn));
+        let aside = vec3<f32>(0.0, along.z, -along.y);
+        let run = dot(away, along);
+        let off = dot(away, aside) + (0.9 * own.y - 0.45) * run * run;
+        let narrow = vec3<f32>(1.0, mix(0.40, 0.80, own.z), 1.6) * vec3<f32>(away.x, run, off);
+        let edge = 1.0 + 0.20 * ragged;
+        let pit = 1.0 - smoothstep(0.25, 1.10, length(narrow) * edge);
+        let d = far * edge;
+        let rim = 1.0 - smoothstep(0.6, MOUTH_REACH, d);
+        let fall = smoothstep(0.3, 1.2, d) * (1.0 - smoothstep(1.6, MOUTH_REACH, d));
+        found = Mouth(max(found.pit, pit), max(found.rim, rim), found.fall - away / max(far, 1.0e-3) * fall);
     }
     return found;
 }
@@ -212,6 +227,9 @@ fn wound(rest: vec3<f32>, cut: f32, a: vec4<f32>, fine: vec4<f32>, height: f32, 
 const FILM_SQUARE: f32 = 0.0007;
 const FILM_GLANCE: f32 = 0.55;
 
+// What is left of the light where surfaces leave no room for any to come from the sides: most of it has gone through tissue on its way, and is red.
+const CLOSED: vec3<f32> = vec3<f32>(0.40, 0.22, 0.20);
+
 // `full` is the light that would reach it, `e` what of it does.
 // `grain` is how much of the rest position a pixel covers, m: what is finer is looked up as its mean, or a wall far off would be of sand.
 fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32, grain: f32) -> vec3<f32> {
@@ -248,8 +266,9 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
     let mouth = smoothstep(0.58, 0.84, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
-    albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.35 * tube.rim * (1.0 - in.raw));
-    albedo = mix(albedo, vec3<f32>(0.06, 0.008, 0.008), 0.94 * tube.pit * (1.0 - in.raw));
+    albedo = mix(albedo, vec3<f32>(0.42, 0.10, 0.085), 0.60 * tube.rim * (1.0 - in.raw));
+    let depth = mix(vec3<f32>(0.20, 0.03, 0.025), vec3<f32>(0.09, 0.013, 0.011), tube.pit * tube.pit);
+    albedo = mix(albedo, depth, smoothstep(0.0, 0.7, tube.pit) * (1.0 - in.raw));
     albedo = albedo * laid_open.skin + laid_open.colour;
     // contact coagulation: the lining blanches, within that the protein turns white, and in the middle, where it was hottest, there are crumbs of char
     let white = blanched(in.rest, fine.w + 0.9 * b1.w);
@@ -267,6 +286,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // A growth is thin at its limb: light that went in beside comes out there, red.
     let limb = 1.0 - max(dot(n0, v), 0.0);
     if !NO_SOFT { c += albedo * vec3<f32>(0.20, 0.05, 0.035) * (o.extra.x * limb * limb * min(e, 1.0) * (1.0 - in.raw)); }
+    c *= mix(CLOSED, vec3<f32>(1.0), in.open);
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
     // Far off a pixel holds many ripples, whose glints are one broad shine and no grains of salt.
     let calm = smoothstep(0.006, 0.024, distance(in.world, g.eye.xyz));
@@ -275,7 +295,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    var wet = (1.0 - o.surface.x) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    var wet = (1.0 - o.surface.x) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit) * in.open;
     if NO_WET { wet = 0.0; }
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
@@ -316,7 +336,8 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
 const GAS_RATIO: f32 = 0.752;                                 // refractive index of gas over saline's, 1.00 and 1.33
 const GAS_BENT: vec2<f32> = vec2<f32>(0.30, 0.70);            // from where to where, in shares of its radius, the view straight through gives way to the bent one
 const GAS_RING: vec4<f32> = vec4<f32>(0.62, 0.74, 0.84, 0.98); // where in its radius the ring begins, is darkest from and to, and ends
-const GAS_DARK: f32 = 0.7;                                    // share of the light that the ring lacks beside what the cavity's shape takes from it
+const GAS_DARK: f32 = 0.45;                                   // share of the light that the ring lacks beside what the cavity's shape takes from it
+const GAS_FILL: f32 = 0.04;                                   // light from the sides that the lamp does not give, beside that of a wall
 const GAS_EDGE: f32 = 0.93;                                   // from here to the edge it fades, or that would be drawn in steps
 const GAS_GLINTS: vec2<f32> = vec2<f32>(0.35, 0.12);          // strength of the lamp's two images
 const GAS_SHARP: f32 = 220.0;                                 // their sharpness, as a lobe's power
@@ -340,7 +361,9 @@ fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f3
     let outer = refract(inner, -far_n, GAS_RATIO);
     let ring = smoothstep(GAS_RING.x, GAS_RING.y, off) * (1.0 - smoothstep(GAS_RING.z, GAS_RING.w, off));
     let fading = 1.0 - smoothstep(GAS_EDGE, 1.0, off);
-    let shown = (mirrored * across(in.world, reflect(-v, n)) + bent * across(in.world, outer)) * ((1.0 - GAS_DARK * ring) * fading);
+    let fill = ACROSS * (GAS_FILL * g.cone.y);
+    let from_sides = mirrored * (across(in.world, reflect(-v, n)) + fill) + bent * (across(in.world, outer) + fill);
+    let shown = from_sides * ((1.0 - GAS_DARK * ring) * fading);
     let h = normalize(l + v);
     let glints = GAS_GLINTS.x * lobe(dot(n, h), GAS_SHARP) + GAS_GLINTS.y * lobe(dot(2.0 * facing * v - n, h), GAS_SHARP);
     let glint = glints * min(e, 1.5);
