@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
+use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
@@ -30,7 +30,7 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
+    BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Refusal, Role, StepRecord, StreamHeader, TissueStatus,
 };
 use hyst_tissue::{BoundSurface, Scratch, StateMut, StateRef, StepInput, step, surface_update};
 use medium::medium_forces;
@@ -158,7 +158,7 @@ impl Stateful for MainLoop<'_> {
         most_bytes(&self.world)
     }
 
-    /// As many as the state before has, unless something may be cut.
+    /// As many as the state before has, unless something may be cut: that is settled here, and a record that comes before the step cuts in the one after it.
     fn next_bytes(&self, now: &[u8]) -> usize {
         let energized = self.input_of(now).is_some_and(|input| input.sample.controls.buttons & BUTTON_ENERGIZED != 0);
         let is_of_world =
@@ -227,6 +227,12 @@ impl Stateful for MainLoop<'_> {
         is_sound_own(&message, &self.world) && self.takes(&message)
     }
 
+    fn why_refused(&self, state: &[u8]) -> Refusal {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return Refusal::Unreadable };
+        let is_sane = message.record::<Core>(0).is_ok_and(|core| core.is_sane());
+        flaw_of(&message, &self.world).unwrap_or(if is_sane { Refusal::Input } else { Refusal::Numbers })
+    }
+
     /// The input record of the tick before, or the one that a replay names, if the device made it.
     fn is_supplied(&mut self, tick: u64, _next_tick: u64) -> bool {
         let page = self.life.clock.page();
@@ -253,7 +259,7 @@ impl Stateful for MainLoop<'_> {
         self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let hand = self.hand(context, &before);
+        let hand = self.hand(context, &before, next.len());
         let [stood, stands] = self.stands(&message, &before, &hand, positions)?;
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let change = self.change(&message, &hand, (positions, velocities))?;

@@ -268,13 +268,16 @@ impl Subscriber {
             reason: format!("{e:?}"),
         })
     }
-    /// The newest message, if there is one that was not yet read. Bounded by the buffer.
+    /// The newest message, if there is one that was not yet read. Bounded by the buffer. Where a later one cannot be received, because too many are held or
+    /// its writer cannot be mapped, it is the newest of those that were: it would be given back unread, and a state be lost that its reader goes on from.
     pub fn newest(&self) -> Result<Option<Held>, LinkError> {
         let mut newest = None;
         for _ in 0..=READER_BUFFER {
-            match self.next()? {
-                Some(held) => newest = Some(held),
-                None => break,
+            match self.next() {
+                Ok(Some(held)) => newest = Some(held),
+                Ok(None) => break,
+                Err(_) if newest.is_some() => break, // what still fails at the next look is said then
+                Err(error) => return Err(error),
             }
         }
         Ok(newest)

@@ -1,6 +1,7 @@
 //! Streams whose writer or reader is killed or stands at every point.
 
 use crate::support::*;
+use hyst_exchange::stream::{MAX_HELD, READER_BUFFER};
 use hyst_exchange::{Held, LinkError, Links, Station};
 use hyst_messages::{Kind, Role, layout_hash};
 use iceoryx2::prelude::*;
@@ -81,6 +82,35 @@ fn readers_that_are_killed_or_stand_while_they_hold_messages_never_block_the_wri
             readers[at].tell("take");
             readers[at].expect("holding 2");
         }
+    });
+}
+
+/// Of two messages the first was received and dropped with the failure to receive the second: its reader went on from the one before.
+#[test]
+fn a_message_that_was_received_is_not_lost_when_the_next_one_cannot_be() {
+    isolated(a_message_that_was_received_is_not_lost_when_the_next_one_cannot_be, |station| {
+        let links = join(station);
+        let _service = links.create_service(Role::Tissue, 1, KIND).unwrap();
+        let publisher = links.publisher(Role::Tissue, 1, KIND, 4096).unwrap();
+        let subscriber = links.subscriber(Role::Tissue, 1, KIND).unwrap();
+        subscriber.connect().unwrap();
+        let send = |number: u8| {
+            let mut loan = publisher.loan(4096).unwrap();
+            loan.bytes_mut().fill(number);
+            loan.send().unwrap();
+        };
+        let mut held = Vec::new();
+        for number in 1..MAX_HELD as u8 {
+            send(number);
+            held.push(subscriber.newest().unwrap().expect("what was just sent"));
+        }
+        let next = MAX_HELD as u8;
+        (next..next + READER_BUFFER as u8).for_each(send);
+        let last = subscriber.newest().unwrap().expect("the only one for which there was room");
+        assert_filled(&last, next);
+        assert!(matches!(subscriber.newest(), Err(LinkError::Use { .. })), "all that may be held are");
+        held.clear();
+        assert_filled(&subscriber.newest().unwrap().expect("the other one"), next + READER_BUFFER as u8 - 1);
     });
 }
 
