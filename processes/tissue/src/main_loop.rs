@@ -158,7 +158,7 @@ impl Stateful for MainLoop<'_> {
         most_bytes(&self.world)
     }
 
-    /// As many as the state before has, unless something may be cut.
+    /// As many as the state before has, unless something may be cut: that is settled here, and a record that comes before the step cuts in the one after it.
     fn next_bytes(&self, now: &[u8]) -> usize {
         let energized = self.input_of(now).is_some_and(|input| input.sample.controls.buttons & BUTTON_ENERGIZED != 0);
         let is_of_world =
@@ -253,7 +253,7 @@ impl Stateful for MainLoop<'_> {
         self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let hand = self.hand(context, &before);
+        let hand = self.hand(context, &before, next.len());
         let [stood, stands] = self.stands(&message, &before, &hand, positions)?;
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let change = self.change(&message, &hand, (positions, velocities))?;

@@ -7,7 +7,7 @@ use crate::grasp;
 use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
-use hyst_engine::StepContext;
+use hyst_engine::{Stateful, StepContext};
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
 use hyst_tissue::StepReport;
@@ -98,9 +98,10 @@ impl MainLoop<'_> {
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).filter(is_fit))
     }
 
-    /// What the hand does in a step; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of the medium is
-    /// part of this state, so that a substitute for it uses the same.
-    pub(super) fn hand(&self, context: &StepContext, before: &Core) -> Hand {
+    /// What the hand does in a step; without an input it stays where it was, the loop too, and the wire cuts nothing. Nor does it where fewer bytes were lent than
+    /// a cut may take, because the current came on after that: it does in the next step. What the next step uses of the medium is part of this state, so that a
+    /// substitute for it uses the same.
+    pub(super) fn hand(&self, context: &StepContext, before: &Core, lent: usize) -> Hand {
         let dt_s = context.step_ticks as f32 * 1e-3;
         let parts_pa = if self.world.is_organ_whole { before.pressure_pa } else { f32::INFINITY };
         let next_closed = self.world.case.closing.after(before.closed, parts_pa, dt_s);
@@ -111,11 +112,12 @@ impl MainLoop<'_> {
             return Hand { input_tick: 0, pose, velocity_m_s, wire_m, loop_m, draw, next_medium, next_closed };
         };
         let (sample, tool) = (&input.sample, &self.world.case.tool);
+        let wire_m = wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls);
         Hand {
             input_tick: input.tick,
             pose: sample.pose,
             velocity_m_s: sample.velocity_m_s,
-            wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
+            wire_m: wire_m.filter(|_| lent >= self.message_bytes()),
             loop_m: match tool.jaws() {
                 Some(_) => grasp::apart_m(tool, &sample.controls, before.loop_m),
                 None => solid_m(self.world.case.electrode.as_ref(), &sample.controls),

@@ -7,6 +7,7 @@ mod fold;
 mod grasp;
 mod held;
 mod lattice;
+mod lent;
 mod limits;
 mod medium;
 mod outflow;
