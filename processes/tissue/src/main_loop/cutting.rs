@@ -86,9 +86,19 @@ impl MainLoop<'_> {
         let volume_ml = 1e6 * self.world.body.volume_of_m3(object);
         // One that came free has been counted then; one that the scene has free is removed now.
         let is_removed = self.world.case.is_loose_in_scene(object) && self.world.case.is_pathology(&self.world.body, object);
-        let world = self.workshop.make(self.world.body.without(object)).ok()?;
+        let world = self.made(self.world.body.without(object)).ok()?;
         self.take_world(world);
         Some(Left { volume_ml, removed_ml: if is_removed { volume_ml } else { 0.0 } })
+    }
+
+    /// The world of a mesh that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
+    /// alone, without a spare or a successor.
+    pub(super) fn made(&mut self, body: Body) -> Result<World, Failure> {
+        let world = self.workshop.make(body)?;
+        match Body::unpack(&world.words, &self.world.case.room) {
+            Some(_) => Ok(world),
+            None => Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into())),
+        }
     }
 
     /// Goes on with another world; what was made for the one before is made anew.
@@ -135,7 +145,7 @@ impl MainLoop<'_> {
         let refused = match swept {
             Ok(Stroke::None) => return Ok(Change::default()),
             Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
-            Ok(Stroke::Cut { body, parted, is_limited }) => match self.workshop.make(*body) {
+            Ok(Stroke::Cut { body, parted, is_limited }) => match self.made(*body) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);

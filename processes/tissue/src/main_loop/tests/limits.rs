@@ -41,3 +41,23 @@ fn a_cut_that_found_no_room_in_the_mesh_is_counted() {
     assert!(cramped.2 <= LEFT_TETS, "{} tets more than there is room for", cramped.2);
     assert!(cramped.1 > roomy.1 && cramped.1 > 0, "{cramped:?} {roomy:?}");
 }
+
+/// Its maker alone went on from a mesh that all others refused: there was no spare, and no successor got a state.
+#[test]
+fn a_mesh_that_nobody_else_would_take_is_not_gone_on_from() {
+    let (station, _pages) = founded("refused", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let (body, most) = (main.world.body.clone(), main.world.case.room.triangles);
+    assert!(main.made(body.clone()).is_ok());
+    let (mut crowded, mut nowhere) = (body.clone(), body);
+    let triangle = crowded.skin.triangles[0];
+    crowded.skin.triangles.resize(most + 1, triangle);
+    nowhere.skin.rest_m[0][1] = f32::NAN;
+    for body in [crowded, nowhere] {
+        assert!(main.workshop.make(body.clone()).is_ok(), "a model can be made of it");
+        assert!(main.made(body).is_err(), "and it is no body for anybody else");
+    }
+    drop(main);
+}
