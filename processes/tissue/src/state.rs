@@ -11,7 +11,7 @@ use hyst_messages::{MAX_FLOW_M_S, MAX_PIECES, Message, PieceFlow, Pose, fnv_word
 use hyst_tissue::Seat;
 
 /// No node of a patient's organ is farther from the pivot, m.
-const FARTHEST_M: f32 = 10.0;
+pub const FARTHEST_M: f32 = 10.0;
 /// And none is faster, m/s.
 const MOST_M_S: f32 = 1_000.0;
 

@@ -12,6 +12,7 @@ use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
+use crate::state::FARTHEST_M;
 use crate::tool::Tool;
 use hyst_contact::Topology;
 use hyst_engine::{Failure, Life, Settings};
@@ -30,6 +31,8 @@ pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
 const ATTACHMENT_N_M: f32 = 200.0;
 /// The tool's number in the contact test: one that no tet has, also when pieces come free.
 pub const TOOL_ID: u32 = MAX_OBJECTS as u32;
+/// Share of the distance at which no state is taken any more that a node may come to.
+const REACH_SHARE: f32 = 0.99;
 /// Most mass that may be added, as a share of the tissue's own: a swing takes at most √2 times as long, what the hand feels at rest is the same.
 const MAX_ADDED_MASS_RATIO: f64 = 1.0;
 
@@ -157,6 +160,7 @@ impl Workshop {
             step_s: 1e-3 / f64::from(finer.max(1)),
             max_added_mass_ratio: if finer > 1 { 0.0 } else { MAX_ADDED_MASS_RATIO },
             contact_stiffness_n_m: f64::from(stiffer) * CONTACT_STIFFNESS_N_M,
+            most_reach_m: Some(most_reach_m(&body)),
             isa,
             ..Options::default()
         };
@@ -238,6 +242,13 @@ impl World {
             body,
         })
     }
+}
+
+/// How far nodes may stray, m: not to where nobody takes a state of them, its maker neither.
+fn most_reach_m(body: &Body) -> f64 {
+    let places_m = body.rest.positions_m.as_flattened();
+    let farthest_m = places_m.iter().fold(0.0f32, |farthest, place_m| farthest.max(place_m.abs()));
+    f64::from(REACH_SHARE * FARTHEST_M - farthest_m).max(0.0)
 }
 
 /// The records of all objects of a body, and of the instruments.

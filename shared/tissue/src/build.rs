@@ -65,7 +65,7 @@ impl ModelMaker {
     pub fn make(&mut self, mesh: &TetMesh, fixed: &[bool]) -> Result<(Model, ModelReport), ModelError> {
         check::options(&self.options)?;
         check::mesh(mesh, fixed)?;
-        let reach_m = reach_m(mesh);
+        let reach_m = reach_m(mesh).min(self.options.most_reach_m.unwrap_or(f64::INFINITY));
         self.kept.renew(mesh, &self.materials, reach_m)?;
         let sums = add_to_nodes(mesh, &self.kept.rest, |rest| [rest.corner_mass; 4]);
         let mass: Vec<f64> = sums.iter().map(|[mass, _]| *mass).collect();

@@ -14,6 +14,7 @@ pub(crate) fn options(options: &Options) -> Result<(), ModelError> {
     check("contact_stiffness_n_m", options.contact_stiffness_n_m, 0.0, 1e9, "from 0 to 1e9")?;
     check("omega_rest_per_s", options.omega_rest_per_s.unwrap_or(0.0), 0.0, 1e9, "from 0 to 1e9")?;
     check("velocity_cap_m_s", options.velocity_cap_m_s, 1e-3, 1e3, "from 0.001 to 1000")?;
+    check("most_reach_m", options.most_reach_m.unwrap_or(0.0), 0.0, 1e9, "from 0 to 1e9")?;
     if options.isa.available() { Ok(()) } else { Err(ModelError::Isa(options.isa)) }
 }
 

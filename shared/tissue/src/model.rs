@@ -37,6 +37,8 @@ pub struct Options {
     pub omega_rest_per_s: Option<f64>,
     /// Largest velocity per axis, m/s: a watchdog, far above what a hand does.
     pub velocity_cap_m_s: f64,
+    /// How far from its place at rest a node may stray along an axis, m, where that is less than what its mesh's size lets it.
+    pub most_reach_m: Option<f64>,
     /// Instruction set of the kernels.
     pub isa: Isa,
 }
@@ -51,6 +53,7 @@ impl Default for Options {
             contact_stiffness_n_m: 0.0,
             omega_rest_per_s: None,
             velocity_cap_m_s: 10.0,
+            most_reach_m: None,
             isa: Isa::detect(),
         }
     }

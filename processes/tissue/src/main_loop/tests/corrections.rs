@@ -1,6 +1,7 @@
 //! Promise of the Main Loop about what its steps had to mend: nothing in a healthy run, and whatever it was is counted in the state, so that nobody forgets it.
 
 use super::*;
+use crate::state::FARTHEST_M;
 use glam::Vec3;
 
 /// Ticks in which the tip goes to the nearest place of the wall, and how far beyond it goes, m.
@@ -60,5 +61,27 @@ fn hits_that_find_no_room_are_counted() {
         now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
         assert_eq!(main.status.hits_dropped > 0, is_cramped, "{} contacts", main.status.contact_count);
     }
+    drop(main);
+}
+
+/// A node was left where no state of it is taken: its maker refused it, too, made it again, and stood still.
+#[test]
+fn a_node_that_strays_to_where_no_state_is_taken_is_put_back() {
+    let (station, pages) = founded("strays", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let mut now = first_state(&mut main);
+    // Nothing but this draws it back.
+    let model = &main.world.model;
+    let held = (0..model.node_count()).filter(|node| model.is_held(*node));
+    let node = held.max_by(|one, other| model.rest_m()[*one][2].total_cmp(&model.rest_m()[*other][2])).unwrap();
+    let first = (positions(&now).as_ptr() as usize - now.as_ptr() as usize) / 4;
+    let words: &mut [f32] = bytemuck::cast_slice_mut(&mut now);
+    words[first + 3 * node + 2] = FARTHEST_M + 0.01;
+    let pose = main.first_core().pose;
+    let after = stepped(&mut main, &pages[1], &now, 1, pose, PieceFlow::default());
+    assert!(main.accepts(bytemuck::cast_slice(&after)), "its maker goes on from it");
+    assert!(core_of(&after).corrections > 0, "and that it was put back is counted");
     drop(main);
 }
