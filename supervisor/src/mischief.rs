@@ -6,7 +6,7 @@ use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::mischief::{Mischief, Outlet, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{SLOTS, Slot};
+use hyst_messages::{RefusedState, SLOTS, Slot};
 
 /// What one process says of another.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,6 +110,13 @@ fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {
     (0..header::DISTRUSTED_ENTRIES).filter_map(entry)
 }
 
+/// The state for which one of its own role distrusts its writer, if this is of such a one.
+pub fn refused(viewer: &mut Viewer, charge: &Charge) -> Option<RefusedState> {
+    let page = viewer.slot_page(charge.by)?;
+    let words = std::array::from_fn(|word| page.load64(header::REFUSED + word));
+    RefusedState::from_words(words).filter(|state| state.incarnation == charge.incarnation && charge.is(state.why.distrust()))
+}
+
 /// Whether a fault of this kind publishes what is not so.
 pub fn is_lie(kind: &str) -> bool {
     FaultKind::from_name(kind).is_some_and(FaultKind::is_lie)
@@ -129,7 +136,7 @@ pub fn first_after(charges: &[Charge], kind: &str, incarnation: u32, after_ns: u
 mod tests {
     use super::*;
     use crate::faults::tests::{begin, book};
-    use hyst_messages::Role;
+    use hyst_messages::{Refusal, Role};
 
     #[test]
     fn who_is_late_is_not_found_to_lie() {
@@ -145,6 +152,24 @@ mod tests {
             let told = Some((2_000, device));
             assert_eq!(found(&charges), [told, told, late, late]);
         }
+    }
+
+    /// Of a healthy tissue a state was refused, and nobody could say why.
+    #[test]
+    fn a_charge_has_the_state_that_was_refused_and_no_other_writers() {
+        let (station, _faults) = book("refused");
+        let page = station.open_for_keeping().unwrap();
+        let by = Slot::first(Role::Tissue);
+        let own = begin(&station, &page, by, 7);
+        let mut viewer = Viewer::open(&station).unwrap();
+        let mut of = |incarnation: u32, why: Distrust| {
+            refused(&mut viewer, &Charge { by, incarnation, why: why as u64, since_ns: 1, last_ns: 2 })
+        };
+        assert_eq!(of(8, Distrust::Invalid), None, "it has refused none");
+        let state = RefusedState { why: Refusal::Mesh, incarnation: 8, tick: 5_000, epoch: 3, topology_version: 9 };
+        state.words().into_iter().enumerate().for_each(|(word, value)| own.store64(header::REFUSED + word, value));
+        assert_eq!([8, 9].map(|incarnation| of(incarnation, Distrust::Invalid)), [Some(state), None]);
+        assert_eq!([Distrust::Still, Distrust::Missing].map(|why| of(8, why)), [None; 2]);
     }
 
     /// A campaign of flipped bytes said of three faults that they were found after 300 000 years.

@@ -26,7 +26,7 @@ use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted}
 use hyst_flow::{FlowModel, Grid, MAX_BANDS, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
+use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Refusal, Role, SealRecord, StreamHeader};
 use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
@@ -282,6 +282,14 @@ impl Stateful for FlowEngine<'_> {
             self.step_ticks.set(step_ticks);
         }
         is_sound
+    }
+
+    /// One of another grid has other sections.
+    fn why_refused(&self, state: &[u8]) -> Refusal {
+        let Ok(message) = Message::parse(state, Kind::FluidState) else { return Refusal::Unreadable };
+        let sections = self.sections();
+        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
+        if (0..seals::SECTION).all(fits) { Refusal::Numbers } else { Refusal::Sections }
     }
 
     /// The tissue's state that the sequencer has seen finished, or that it was refused; and the hardware's sample of this tick.

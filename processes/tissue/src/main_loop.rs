@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
+use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
@@ -30,7 +30,7 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
+    BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Refusal, Role, StepRecord, StreamHeader, TissueStatus,
 };
 use hyst_tissue::{BoundSurface, Scratch, StateMut, StateRef, StepInput, step, surface_update};
 use medium::medium_forces;
@@ -225,6 +225,12 @@ impl Stateful for MainLoop<'_> {
     fn accepts_own(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
         is_sound_own(&message, &self.world) && self.takes(&message)
+    }
+
+    fn why_refused(&self, state: &[u8]) -> Refusal {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return Refusal::Unreadable };
+        let is_sane = message.record::<Core>(0).is_ok_and(|core| core.is_sane());
+        flaw_of(&message, &self.world).unwrap_or(if is_sane { Refusal::Input } else { Refusal::Numbers })
     }
 
     /// The input record of the tick before, or the one that a replay names, if the device made it.

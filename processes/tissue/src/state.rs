@@ -7,7 +7,7 @@ use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use hyst_contact::Memory;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{MAX_FLOW_M_S, MAX_PIECES, Message, PieceFlow, Pose, fnv_words};
+use hyst_messages::{MAX_FLOW_M_S, MAX_PIECES, Message, PieceFlow, Pose, Refusal, fnv_words};
 use hyst_tissue::Seat;
 
 /// No node of a patient's organ is farther from the pivot, m.
@@ -128,11 +128,24 @@ pub fn write_body(words: &[u32], section: &mut [u8]) {
 /// Whether all sections are there and fit each other, the body is that of the world or else one that a world can be made of, and the numbers are
 /// those of an organ.
 pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
-    let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
+    flaw_of(message, world).is_none()
+}
+
+/// What is wrong with a state that is not sound.
+pub fn flaw_of(message: &Message<'_>, world: &World) -> Option<Refusal> {
+    let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else {
+        return Some(Refusal::Sections);
+    };
     let version = message.header().topology_version;
-    let is_known = version == world.version && words == &world.words[..];
-    let is_other = || version != world.version && version_of(words) == version && Body::unpack(words, &world.case.room).is_some();
-    (is_known || is_other()) && has_sound_parts(message, world, words, stroke)
+    let is_known = version == world.version;
+    let is_named = if is_known { words == &world.words[..] } else { version_of(words) == version };
+    if !is_named {
+        return Some(Refusal::Version);
+    }
+    if !is_known && Body::unpack(words, &world.case.room).is_none() {
+        return Some(Refusal::Mesh);
+    }
+    flaw_of_parts(message, world, words, stroke)
 }
 
 /// The same for a state of the world that this thread has just written itself. Of the body only the counts are looked at: the rest, most of the state, was
@@ -143,11 +156,11 @@ pub fn is_sound_own(message: &Message<'_>, world: &World) -> bool {
     }
     let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
     let is_of_world = words.len() == world.words.len() && words.get(..COUNTS) == world.words.get(..COUNTS);
-    is_of_world && has_sound_parts(message, world, words, stroke)
+    is_of_world && flaw_of_parts(message, world, words, stroke).is_none()
 }
 
-/// Whether all sections fit a body of these words, and the numbers are those of an organ.
-fn has_sound_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[u8]) -> bool {
+/// Whether all sections fit a body of these words, and the numbers are those of an organ; what does not, and are not.
+fn flaw_of_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[u8]) -> Option<Refusal> {
     let (nodes, vertices) = (words[0] as usize, words[2] as usize);
     let sizes = of_counts(world, nodes, vertices, words.len(), stroke.len());
     let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sizes[index]);
@@ -157,7 +170,11 @@ fn has_sound_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: 
         let numbers: &[f32] = message.section(index).unwrap_or(&[]);
         numbers.iter().fold(true, |all, value| all & (value.abs() <= most))
     };
-    (0..SECTIONS).all(fits) && is_stroke && within(1, FARTHEST_M) && within(2, MOST_M_S)
+    match () {
+        () if !((0..SECTIONS).all(fits) && is_stroke) => Some(Refusal::Sections),
+        () if !(within(1, FARTHEST_M) && within(2, MOST_M_S)) => Some(Refusal::Numbers),
+        () => None,
+    }
 }
 
 /// Hash of what the next step depends on: positions and velocities, and of what they are the nodes.

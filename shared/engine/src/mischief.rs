@@ -14,7 +14,7 @@ use hyst_exchange::{OwnedPage, StationError, StationPage, system};
 use hyst_messages::mischief::{Mischief, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
-use hyst_messages::{Slot, StreamHeader, TICK_NS};
+use hyst_messages::{RefusedState, Slot, StreamHeader, TICK_NS};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -181,6 +181,14 @@ impl Life {
     /// Says in the page that another process's output is wrong, and why; the supervisor reads it.
     pub fn distrust(&self, incarnation: u32, why: Distrust) {
         self.accuse(incarnation, why as u64);
+    }
+
+    /// Says in the page which state of its own role this process has refused last, and why.
+    pub(crate) fn name_refused(&self, refused: &RefusedState) {
+        // From the end: whoever finds this one's writer there finds the rest of it.
+        for (word, value) in refused.words().into_iter().enumerate().rev() {
+            self.page.store64(header::REFUSED + word, value);
+        }
     }
 
     /// Says in the page that a thread that helps this process stands still.

@@ -172,7 +172,10 @@ impl<S: Stateful> Loop<'_, S> {
             engine.kind(),
             &mut self.inbox,
             Fence { holder: self.roster.holder(self.role), is_ahead: &is_ahead },
-            |state, is_own| if is_own { engine.accepts_own(state) } else { engine.accepts(state) },
+            |state, is_own| {
+                let is_taken = if is_own { engine.accepts_own(state) } else { engine.accepts(state) };
+                if is_taken { Ok(()) } else { Err(engine.why_refused(state)) }
+            },
             blame,
             lives,
         );
@@ -181,6 +184,9 @@ impl<S: Stateful> Loop<'_, S> {
         }
         if counts.invalid > 0 {
             self.life.page.add64(header::INVALID, counts.invalid);
+        }
+        if let Some(refused) = counts.last {
+            self.life.name_refused(&refused);
         }
     }
 

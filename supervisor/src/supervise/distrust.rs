@@ -66,11 +66,17 @@ impl Supervisor {
                 why if why == Distrust::Still as u64 => "its stamp stands still",
                 _ => "its output is not valid",
             };
-            journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}", charge.by));
+            let state = self.refused_in_words(&charge);
+            journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}{state}", charge.by));
             let incarnation = charge.incarnation;
             self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
             self.end_guilty(slot, incarnation, now_ns);
         }
+    }
+
+    /// Which state was refused, and why, where one of the writer's own role did.
+    pub(super) fn refused_in_words(&mut self, charge: &Charge) -> String {
+        mischief::refused(&mut self.viewer, charge).map_or(String::new(), |state| format!(" ({state})"))
     }
 
     /// Replaces those who were ready, live on, and say at two looks in a row that they are anything else: nobody would wait for such a page to become whole

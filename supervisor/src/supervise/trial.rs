@@ -279,7 +279,8 @@ impl Supervisor {
             && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
             && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
         if is_grave {
-            self.doubt(charge.incarnation, Reason::new(Cause::Refused, format!("{} refuses what it says", charge.by)));
+            let text = format!("{} refuses what it says{}", charge.by, self.refused_in_words(charge));
+            self.doubt(charge.incarnation, Reason::new(Cause::Refused, text));
         } else if late
             && !self.trial.as_ref().is_some_and(|trial| trial.is_excused(now_ns.saturating_sub(LATE_NS), KEPT_OFF_FOR_LATE))
         {

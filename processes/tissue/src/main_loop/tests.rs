@@ -222,6 +222,7 @@ fn succeeds(successor: &mut MainLoop<'_>, tick: u64, before: &[u8], now: &[u64])
     let mut spoilt = before.to_vec();
     spoilt[body.as_ptr() as usize - before.as_ptr() as usize + 400] ^= 1;
     assert!(!successor.accepts(&spoilt), "a bit of the body flipped at {tick}");
+    assert_eq!(successor.why_refused(&spoilt), Refusal::Version);
 }
 
 /// Its maker takes a state that he has just made without reading its body again, and not if a number of it is none.
@@ -235,8 +236,14 @@ fn is_taken_by_its_maker(maker: &MainLoop<'_>, tick: u64, now: &[u64]) {
         bytemuck::cast_slice_mut::<u64, u32>(&mut spoilt)[at] = word;
         spoilt
     };
-    for (section, word) in [(1, f32::NAN.to_bits()), (2, f32::INFINITY.to_bits()), (crate::state::BODY, 1)] {
+    let flaws = [
+        (1, f32::NAN.to_bits(), Refusal::Numbers),
+        (2, f32::INFINITY.to_bits(), Refusal::Numbers),
+        (crate::state::BODY, 1, Refusal::Version),
+    ];
+    for (section, word, why) in flaws {
         let spoilt = spoilt(section, word);
+        assert_eq!(maker.why_refused(bytemuck::cast_slice(&spoilt)), why, "section {section} of state {tick}");
         let taken = [maker.accepts(bytemuck::cast_slice(&spoilt)), maker.accepts_own(bytemuck::cast_slice(&spoilt))];
         assert_eq!(taken, [false; 2], "section {section} of state {tick} is spoilt");
     }

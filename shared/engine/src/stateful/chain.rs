@@ -1,10 +1,13 @@
 //! The chain of states: the newest accepted one, held in place, whoever computed it.
 
+#[cfg(test)]
+mod tests;
+
 use hyst_exchange::succession::{Key, supersedes};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
 use hyst_exchange::{Held, LinkError, Subscriber, Tenure};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::{Kind, Message, Slot, StreamHeader};
+use hyst_messages::{Kind, Message, Refusal, RefusedState, Slot, StreamHeader};
 
 /// Streams of one role that may be read at once: own, and each slot's present and former incarnation.
 const MAX_STREAMS: usize = 8;
@@ -18,6 +21,19 @@ const BEHIND_IN_A_ROW: u32 = 3;
 pub struct Refused {
     pub stale: u64,
     pub invalid: u64,
+    /// The last one.
+    pub last: Option<RefusedState>,
+}
+
+impl Refused {
+    fn note(&mut self, incarnation: u32, header: StreamHeader, why: Refusal) {
+        match why.distrust() {
+            Distrust::Still => self.stale += 1,
+            _ => self.invalid += 1,
+        }
+        let StreamHeader { tick, epoch, topology_version, .. } = header;
+        self.last = Some(RefusedState { why, incarnation, tick, epoch, topology_version });
+    }
 }
 
 /// What the states of the role can be.
@@ -44,6 +60,17 @@ impl Link {
         let before = if self.behind.0 == holder.epoch { self.behind.1 } else { 0 };
         self.behind = (holder.epoch, if is_behind { before + 1 } else { 0 });
         self.behind.1 >= BEHIND_IN_A_ROW
+    }
+
+    /// Why a state cannot follow those before it, by its stamp: one that is too high would make everything after it old.
+    fn flaw_of_stamp(&mut self, header: &StreamHeader, fence: &Fence) -> Option<Refusal> {
+        let key = (header.epoch, header.tick);
+        match () {
+            () if (fence.is_ahead)(key) => Some(Refusal::Ahead),
+            () if self.lags(header, fence.holder) => Some(Refusal::Behind),
+            () if key <= self.last => Some(Refusal::Stamp),
+            () => None,
+        }
     }
 }
 
@@ -105,7 +132,7 @@ impl Chain {
         kind: Kind,
         inbox: &mut Inbox,
         fence: Fence,
-        accepts: impl Fn(&[u8], bool) -> bool,
+        accepts: impl Fn(&[u8], bool) -> Result<(), Refusal>,
         blame: impl Fn(u32, Distrust),
         lives: impl Fn(u32) -> bool,
     ) -> Refused {
@@ -113,32 +140,28 @@ impl Chain {
         for link in &mut self.links {
             // A stream that fails is a stream without news; its writer's death is seen elsewhere.
             let Ok(Some(held)) = link.subscriber.newest() else { continue };
-            let other = link.slot.map(|_| link.subscriber.incarnation());
-            let blamed = |why| other.into_iter().for_each(|writer| blame(writer, why));
+            let (writer, is_own) = (link.subscriber.incarnation(), link.slot.is_none());
+            let refuse = |refused: &mut Refused, header: StreamHeader, why: Refusal| {
+                refused.note(writer, header, why);
+                if !is_own {
+                    blame(writer, why.distrust());
+                }
+            };
             let Ok(message) = Message::parse(held.bytes(), kind) else {
-                refused.invalid += 1;
-                blamed(Distrust::Invalid);
+                refuse(&mut refused, StreamHeader::default(), Refusal::Unreadable);
                 continue;
             };
             let header = *message.header();
             if header.is_shadow() {
-                let accepts = |state: &[u8]| accepts(state, other.is_none());
+                let accepts = |state: &[u8]| accepts(state, is_own).is_ok();
                 if !extend_line(&mut self.line, self.guest, held, header, &fence, accepts) {
-                    refused.invalid += 1;
-                    blamed(Distrust::Invalid);
+                    refuse(&mut refused, header, Refusal::Ahead);
                 }
                 continue;
             }
             let key = (header.epoch, header.tick);
-            // One stamp that is too high would make everything after it old.
-            if (fence.is_ahead)(key) {
-                refused.invalid += 1;
-                blamed(Distrust::Invalid);
-                continue;
-            }
-            if link.lags(&header, fence.holder) || key <= link.last {
-                refused.stale += 1;
-                blamed(Distrust::Still);
+            if let Some(why) = link.flaw_of_stamp(&header, &fence) {
+                refuse(&mut refused, header, why);
                 continue;
             }
             link.last = key;
@@ -147,9 +170,8 @@ impl Chain {
                 refused.stale += u64::from(header.epoch < self.key.0);
                 continue;
             }
-            if !accepts(held.bytes(), other.is_none()) {
-                refused.invalid += 1;
-                blamed(Distrust::Invalid);
+            if let Err(why) = accepts(held.bytes(), is_own) {
+                refuse(&mut refused, header, why);
                 continue;
             }
             let before = self.newest.replace(held);
@@ -231,144 +253,4 @@ fn extend_line(
         *line = Some(Line { held, tick: header.tick, epoch: header.epoch, writer: header.incarnation });
     }
     true
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_exchange::usher::usher;
-    use hyst_exchange::{Links, Publisher, Station};
-    use hyst_messages::{MessageMut, Role};
-
-    const KIND: Kind = Kind::FluidState;
-    const ROUNDS: u64 = 40;
-
-    /// A chain of one incarnation that reads the stream of the next one too, and both writers. A process has one station at a time.
-    fn on_a_chain(own: u32, body: impl FnOnce(&mut Chain, &mut Inbox, [Publisher; 2])) {
-        static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
-        let _one = ONE.lock();
-        let station = Station::named(&format!("t{}-chain", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        {
-            let links = Links::join(&station, &format!("test-{own}")).unwrap();
-            let both = [own, own + 1];
-            let services = both.map(|incarnation| links.create_service(Role::Fluid, incarnation, KIND).unwrap());
-            let writers = both.map(|incarnation| links.publisher(Role::Fluid, incarnation, KIND, bytes()).unwrap());
-            let [own, other] = both.map(|incarnation| links.subscriber(Role::Fluid, incarnation, KIND).unwrap());
-            other.connect().unwrap();
-            let mut inbox: Inbox = usher(&station, None, 1, Vec::new()).unwrap();
-            let mut chain = Chain::new(own).unwrap();
-            let slot = Slot::new(Role::Fluid, 1).unwrap();
-            chain.add(Arrival { slot, incarnation: both[1], port: Port::Stream(KIND, other) }, &mut inbox);
-            body(&mut chain, &mut inbox, writers);
-            drop((chain, inbox, services));
-        }
-        station.wipe();
-    }
-
-    fn bytes() -> usize {
-        hyst_messages::stream::message_bytes(&[8])
-    }
-
-    fn send(writer: &Publisher, tick: u64, epoch: u32, incarnation: u32) {
-        let mut loan = writer.loan(bytes()).unwrap();
-        let header = StreamHeader { tick, epoch, incarnation, ..Default::default() };
-        MessageMut::format(loan.bytes_mut(), KIND, header, &[8]).unwrap();
-        loan.send().unwrap();
-    }
-
-    /// By a clock that is ahead of everything.
-    fn fence(holder: Tenure) -> Fence<'static> {
-        Fence { holder, is_ahead: &|_| false }
-    }
-
-    /// Holder and spare substitute each other's steps faster than the usher looks.
-    #[test]
-    fn states_that_alternate_between_two_living_writers_are_all_received() {
-        on_a_chain(1, |chain, inbox, writers| {
-            for tick in 1..=ROUNDS {
-                let writer = (tick % 2) as usize;
-                send(&writers[writer], tick, 1, writer as u32 + 1);
-                chain.receive(KIND, inbox, fence(Tenure::default()), |_, _| true, |_, why| panic!("{why:?}"), |_| true);
-                assert_eq!(chain.key(), (1, tick));
-            }
-        });
-    }
-
-    /// A reader that is as young as the lie has seen no other epoch of this writer: the roster knows better.
-    #[test]
-    fn a_holder_that_writes_under_an_epoch_before_its_own_is_blamed_by_a_newcomer_too() {
-        on_a_chain(3, |chain, inbox, writers| {
-            let mut blamed_at = |told: &dyn Fn(u64) -> u32, holds: &dyn Fn(u64) -> u32, ticks: std::ops::Range<u64>| {
-                let blamed = std::cell::Cell::new(Vec::new());
-                for tick in ticks {
-                    let holder = Tenure { epoch: holds(tick), incarnation: 4 };
-                    send(&writers[1], tick, told(tick), holder.incarnation);
-                    let blame = |_, _| blamed.set([blamed.take(), vec![tick]].concat());
-                    chain.receive(KIND, inbox, fence(holder), |_, _| true, blame, |_| true);
-                }
-                blamed.take()
-            };
-            assert_eq!(blamed_at(&|_| 8, &|_| 9, 1..4), vec![3], "the third of them");
-            assert_eq!(blamed_at(&|_| 9, &|_| 9, 4..8), Vec::<u64>::new(), "it tells the truth again");
-            let leaps = |tick: u64| 9 + tick as u32;
-            assert_eq!(
-                blamed_at(&leaps, &|tick| leaps(tick) + 1, 8..20),
-                Vec::<u64>::new(),
-                "each of its states was on its way when it took the role again"
-            );
-            assert_eq!(blamed_at(&|_| 8, &|_| 40, 20..22), vec![20, 21], "a stamp that goes back");
-        });
-    }
-    /// One stamp far ahead, by a flipped bit: the states after it are taken as if it had never been.
-    #[test]
-    fn a_stamp_ahead_of_its_time_shuts_out_nothing_that_comes_after_it() {
-        on_a_chain(1, |chain, inbox, writers| {
-            for tick in 1..=ROUNDS {
-                let (epoch, stamp) = match tick % 5 {
-                    2 => (1 + (1 << 20), tick),
-                    4 => (1, tick + (1 << 40)),
-                    _ => (1, tick),
-                };
-                send(&writers[1], stamp, epoch, 2);
-                let blamed = std::cell::Cell::new(None);
-                let is_ahead = |key| hyst_exchange::succession::is_ahead(key, 1, tick, 1);
-                let blame = |_, why| blamed.set(Some(why));
-                let refused = chain.receive(
-                    KIND,
-                    inbox,
-                    Fence { holder: Tenure { epoch: 1, incarnation: 2 }, is_ahead: &is_ahead },
-                    |_, _| true,
-                    blame,
-                    |_| true,
-                );
-                let is_honest = (epoch, stamp) == (1, tick);
-                assert_eq!((refused.invalid, blamed.get()), if is_honest { (0, None) } else { (1, Some(Distrust::Invalid)) });
-                assert_eq!(chain.key() == (1, tick), is_honest, "{tick}");
-            }
-        });
-    }
-
-    /// The same of what an elder computes beside a newcomer on trial: the line took it, and grew no more.
-    #[test]
-    fn a_state_beside_the_role_that_is_ahead_of_its_time_does_not_end_the_line() {
-        const BESIDE: u32 = hyst_messages::tolerance::SHADOW_EPOCH;
-        on_a_chain(1, |chain, inbox, writers| {
-            chain.expect_guest(2);
-            let mut line_after = |incarnation: u32, tick: u64, epoch: u32| {
-                send(&writers[incarnation as usize - 1], tick, epoch, incarnation);
-                let is_ahead = |key| hyst_exchange::succession::is_ahead(key, 2, ROUNDS, 1);
-                let fence = Fence { holder: Tenure { epoch: 2, incarnation: 2 }, is_ahead: &is_ahead };
-                let refused = chain.receive(KIND, inbox, fence, |_, _| true, |_, _| {}, |_| true);
-                (refused.invalid, chain.line().map(|line| line.tick))
-            };
-            assert_eq!(line_after(1, 1, 1), (0, None), "the role's state before the trial");
-            assert_eq!(line_after(2, 2, 2), (0, Some(1)), "the newcomer has the role");
-            assert_eq!(line_after(1, 2, BESIDE), (0, Some(2)));
-            assert_eq!(line_after(1, 3 + (1 << 40), BESIDE), (1, Some(2)));
-            assert_eq!(line_after(1, 3, BESIDE), (0, Some(3)), "and the line goes on");
-            assert_eq!(line_after(2, 4, BESIDE), (0, Some(3)), "the newcomer's own is the judge's");
-        });
-    }
 }

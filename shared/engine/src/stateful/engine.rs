@@ -5,7 +5,7 @@ use crate::life::Failure;
 use hyst_exchange::Links;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
-use hyst_messages::{Kind, Role, StreamHeader};
+use hyst_messages::{Kind, Refusal, Role, StreamHeader};
 
 /// What a step is told beside the state.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +65,10 @@ pub trait Stateful {
     /// What it computed is looked at, so that nobody goes on from a number that is none.
     fn accepts_own(&self, state: &[u8]) -> bool {
         self.accepts(state)
+    }
+    /// What is wrong with a state that was just refused, for whoever reads of it: it takes as long as it takes, for that is rare.
+    fn why_refused(&self, _state: &[u8]) -> Refusal {
+        Refusal::Unsound
     }
     /// In lock-step: whether everything that the step from the state of `tick` to `next_tick` reads is there, each of its exact tick. Asked
     /// again and again until it is, or the patience of [`crate::lockstep`] ends.

@@ -1,7 +1,7 @@
 //! What every page starts with, in its 64-bit words, and what stands in its 32-bit words.
 
 use super::WORDS32;
-use crate::{LATENCY_BUCKETS, MAX_WORKERS};
+use crate::{LATENCY_BUCKETS, MAX_WORKERS, REFUSED_WORDS};
 
 /// Magic and layout.
 pub const MAGIC: usize = 0;
@@ -55,7 +55,9 @@ pub const DISTRUSTED_ENTRIES: usize = 4;
 pub const fn distrusted(index: usize) -> usize {
     DISTRUSTED + DISTRUSTED_ENTRY_WORDS * index
 }
-const _: () = assert!(distrusted(DISTRUSTED_ENTRIES) <= POOL_BLOCKS);
+/// The state of its own role that the owner has refused last ([`crate::RefusedState`]), 3 words; 0 if it has refused none.
+pub const REFUSED: usize = distrusted(DISTRUSTED_ENTRIES);
+const _: () = assert!(REFUSED + REFUSED_WORDS <= POOL_BLOCKS);
 /// Small blocks that the real-time thread has taken from its own pool since it became real time.
 pub const POOL_BLOCKS: usize = 40;
 /// Tick at which the owner began a role's state anew, from a checkpoint or from the scene, and not from its predecessor's; 0 if it never did.
