@@ -262,7 +262,7 @@ impl Supervisor {
             self.faults.read_ledger(&mut self.viewer);
             self.heed_standstill(now_ns);
         }
-        self.measure_device(now_ns);
+        self.measure_often(now_ns);
         if now_ns >= self.next_accounts_ns {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;
             self.accounting = self.accounting.or(Some(0));

@@ -43,10 +43,12 @@ impl Supervisor {
         self.measure(now_ns, slot);
     }
 
-    /// Measures the device more often than the others: nobody has the hand while the system takes back what a device that ends had.
-    pub(super) fn measure_device(&mut self, now_ns: u64) {
-        if self.accounts.growth.is_device_due(now_ns) {
-            self.measure(now_ns, Slot::first(Role::Device));
+    /// Measures the device more often than the others, because nobody has the hand while the system takes back what a device that ends had; and a guest, whose
+    /// trial is over before a look in each second has told anything.
+    pub(super) fn measure_often(&mut self, now_ns: u64) {
+        if self.accounts.growth.is_due_often(now_ns) {
+            let guests = Role::STATEFUL.into_iter().filter_map(Slot::guest);
+            guests.chain([Slot::first(Role::Device)]).for_each(|slot| self.measure(now_ns, slot));
         }
     }
 
