@@ -41,6 +41,8 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         ("fluid", bad_engine(folder.as_path(), "fluid", "panic"), 1, Some(false), ""),
         // Its author is not told that the machine is too busy.
         ("fluid", bad_engine(folder.as_path(), "fluid", "slow"), 1, Some(false), "missed its steps"),
+        ("tissue", bad_engine(folder.as_path(), "tissue", "leak"), 1, Some(false), "it grows"),
+        ("tissue", bad_engine(folder.as_path(), "tissue", "epoch"), 1, Some(false), ""),
         ("haptic", bad_engine(folder.as_path(), "haptic", "slow"), 1, Some(false), ""),
         ("rendering", binaries().join("example-picture"), 0, Some(true), ""),
         ("rendering", bad_engine(folder.as_path(), "rendering", "black"), 1, Some(false), "all of one colour"),

@@ -2,6 +2,9 @@
 //! ones of many kinds that are rolled back, and a supervisor that dies in the middle. What a swap costs the hand is
 //! judged at the simulated hardware, against control windows of the same run.
 
+#[path = "swap/bad.rs"]
+mod bad;
+
 use hyst_exchange::{Roster, system};
 use hyst_messages::page::{Stage, header};
 use hyst_messages::{Role, Slot};
@@ -42,9 +45,14 @@ fn swap_well(station: &Station, role: &str, binary: &Path) -> bool {
     false
 }
 
-/// Swaps of each role, and rounds of bad engines; `HYSTATION_SWAPS=50` makes fifty.
+/// Swaps of each role to good engines; `HYSTATION_SWAPS=50` makes fifty.
 fn swaps() -> usize {
-    std::env::var("HYSTATION_SWAPS").ok().and_then(|count| count.parse().ok()).unwrap_or(1)
+    number_of("HYSTATION_SWAPS").unwrap_or(1)
+}
+
+/// A variable that is a number.
+fn number_of(variable: &str) -> Option<usize> {
+    std::env::var(variable).ok()?.parse().ok()
 }
 
 /// A copy of an engine under another name: another file, so that it can be told who runs it. The one of the round before is running.
@@ -60,87 +68,19 @@ fn kill_supervisor(station: &Station) {
     station.wait_until_gone(pid);
 }
 
-const STANDS: &[&str] = &["hung", "missed", "late"];
-/// One that is tried in the old one's place may be missed by who reads it, or by who compares it, before it is known that it stands.
-const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance", "refused"];
-/// On full cores one does not beat for long before it is gone.
-const DIES: &[&str] = &["died", "hung"];
-/// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 36] = [
-    ("tissue", "start", &["died"], ""),
-    ("tissue", "shadow-off", &["out-of-tolerance"], ""),
-    ("tissue", "shadow-segfault", DIES, ""),
-    ("tissue", "panic", DIES, ""),
-    ("tissue", "exit", DIES, ""),
-    ("tissue", "spin", STANDS, ""),
-    ("tissue", "slow", &["missed"], "its steps"),
-    ("tissue", "nan", &["refused", "out-of-tolerance"], ""),
-    ("tissue", "off", &["out-of-tolerance", "refused"], ""),
-    ("tissue", "numb", &["out-of-tolerance", "refused"], "contact force"),
-    ("fluid", "stop", STANDS, ""),
-    ("fluid", "slow", &["missed"], "its steps"),
-    ("fluid", "garbage", &["refused", "out-of-tolerance"], ""),
-    ("fluid", "off", &["out-of-tolerance"], ""),
-    ("haptic", "abort", DIES, ""),
-    ("haptic", "stop", STANDS, ""),
-    ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),
-    ("haptic", "slow", &["late", "slow", "not-compared"], ""),
-    ("collision-worker", "segfault", DIES, ""),
-    ("collision-worker", "blind", &["refused"], ""),
-    ("collision-worker", "stop", STANDS_IN_PLACE, ""),
-    ("collision-worker", "slow", &["late", "slow", "hung", "refused"], ""),
-    ("recorder", "exit", DIES, ""),
-    ("recorder", "stop", STANDS_IN_PLACE, ""),
-    ("recorder", "mute", &["out-of-tolerance"], "its page"),
-    ("rendering", "mute", &["out-of-tolerance"], "its page"),
-    ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
-    ("rendering", "still", &["out-of-tolerance"], "stand still"),
-    ("rendering", "slow", &["slow"], "steps a second"),
-    ("rendering", "stop", STANDS_IN_PLACE, ""),
-    ("console", "mute", &["out-of-tolerance"], "its page"),
-    ("console", "stop", STANDS_IN_PLACE, ""),
-    ("device", "abort", DIES, ""),
-    ("device", "stop", STANDS_IN_PLACE, ""),
-    ("device", "slow", &["hung", "slow", "late", "missed", "out-of-tolerance"], ""),
-    ("device", "half", &["out-of-tolerance"], "the motors' force"),
-];
-
-/// Bad engines that end as another one of the list does, or take a minute to: shown in many rounds alone.
-const AS_THE_OTHERS: [(&str, &str); 19] = [
-    ("tissue", "start"),
-    ("tissue", "panic"),
-    ("tissue", "exit"),
-    ("tissue", "spin"),
-    ("tissue", "off"),
-    ("fluid", "stop"),
-    ("fluid", "slow"),
-    ("haptic", "stop"),
-    ("haptic", "slow"),
-    ("rendering", "mute"),
-    ("collision-worker", "segfault"),
-    ("collision-worker", "stop"),
-    ("collision-worker", "slow"),
-    ("recorder", "exit"),
-    ("rendering", "slow"),
-    ("rendering", "stop"),
-    ("console", "stop"),
-    ("device", "stop"),
-    ("device", "slow"),
-];
-
 /// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.
 const ALLOWED_EACH: f64 = 0.05;
 
 /// Ticks that one of the device may cost, until its successor is there: what the hardware holds and ramps a force for.
 const DEVICE_TICKS: f64 = 20.0;
 
-/// Judges what swaps cost, each role by itself where there are many, and all of them together.
-fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, station: &Station) {
+/// Judges what so many swaps of each role cost, each role by itself where there are many, and all of them together.
+fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, of_each: usize, station: &Station) {
     let mut all = Pairs::default();
     for (role, pairs) in windows {
         all.add(pairs);
-        if swaps() >= LEAST {
-            pairs.judge_each(&format!("{what} of {role}"), ALLOWED_EACH, swaps() * 4 / 5, station);
+        if of_each >= LEAST {
+            pairs.judge_each(&format!("{what} of {role}"), ALLOWED_EACH, of_each * 4 / 5, station);
         }
     }
     all.judge(what, LEAST, station);
@@ -168,7 +108,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
         device.around(&station, CONTROL_TICKS, || swap_well(&station, "device", &copy));
     }
     device.judge_each("swaps of the device", DEVICE_TICKS, LEAST, &station);
-    judge("swaps", &windows, &station);
+    judge("swaps", &windows, swaps(), &station);
     // Neither a restart of the supervisor nor one of the slot leads back to the old binary.
     kill_supervisor(&station);
     station.recover();
@@ -212,48 +152,6 @@ fn a_file_that_is_built_anew_in_its_place_changes_nothing_that_runs() {
     station.recover();
     all_run_the_good_one();
     station.stop().assert_clean();
-}
-
-#[test]
-fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
-    let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
-    // In a single round one of each kind: every role refuses in its own way, and dies as the others do.
-    let is_another = |case: &&(&str, &str, &[&str], &str)| swaps() > 1 || !AS_THE_OTHERS.contains(&(case.0, case.1));
-    let cases: Vec<_> = BAD.iter().filter(is_another).collect();
-    let (mut windows, mut device) = (BTreeMap::<&str, Pairs>::new(), Pairs::default());
-    for (role, kind, causes, words) in std::iter::repeat_n(cases, swaps()).flatten().copied() {
-        let path = bad_engine(station.folder(), role, kind);
-        let before = station.processes(role)[0]["binary"].clone();
-        let tried = || {
-            let mut tried = swap(&station, role, &path);
-            for _ in 1..TRIES {
-                if got_no_time(&tried.1) {
-                    station.recover();
-                    tried = swap(&station, role, &path);
-                }
-            }
-            tried
-        };
-        let pairs = if role == "device" { &mut device } else { windows.entry(role).or_default() };
-        let (code, record, said) = pairs.around(&station, CONTROL_TICKS, tried);
-        assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
-        let why = record["reason"].as_str().unwrap_or_default();
-        println!("{role} {kind}: {} ({why})", record["cause"]);
-        let is_own =
-            record["cause"].as_str().is_some_and(|cause| causes.contains(&cause) && (cause == "refused" || why.contains(words)));
-        assert!(is_own || got_no_time(&record), "{role} {kind}: {record:#}\n{}", station.said());
-        if !is_own {
-            not_shown(&format!("why {role} {kind} is rolled back: {TRIES} times it got no time"));
-        }
-        station.recover();
-        assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
-    }
-    // To the bad one and back to the good one.
-    device.judge_each("bad devices", 2.0 * DEVICE_TICKS, LEAST, &station);
-    judge("bad engines", &windows, &station);
-    let ended = station.stop();
-    ended.assert_clean();
-    ended.assert_recorded();
 }
 
 #[test]

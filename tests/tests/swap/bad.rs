@@ -1,0 +1,128 @@
+//! Bad engines: each is rolled back for a cause that is its own, and the hand does not notice. As many swaps to them are made as `HYSTATION_BAD_SWAPS` says, one
+//! kind after the other and then from the beginning.
+
+use super::{CONTROL_TICKS, DEVICE_TICKS, LEAST, TRIES, judge, number_of};
+use station_tests::shown::not_shown;
+use station_tests::swapped::{got_no_time, swap};
+use station_tests::windows::Pairs;
+use station_tests::{Station, bad_engine};
+use std::collections::BTreeMap;
+
+const STANDS: &[&str] = &["hung", "missed", "late"];
+/// One that is tried in the old one's place may be missed by who reads it, or by who compares it, before it is known that it stands.
+const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance", "refused"];
+/// On full cores one does not beat for long before it is gone.
+const DIES: &[&str] = &["died", "hung"];
+/// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
+const BAD: [(&str, &str, &[&str], &str); 41] = [
+    ("tissue", "start", &["died"], ""),
+    ("tissue", "shadow-off", &["out-of-tolerance"], ""),
+    ("tissue", "shadow-segfault", DIES, ""),
+    ("tissue", "panic", DIES, ""),
+    ("tissue", "exit", DIES, ""),
+    ("tissue", "spin", STANDS, ""),
+    ("tissue", "slow", &["missed"], "its steps"),
+    ("tissue", "nan", &["refused", "out-of-tolerance"], ""),
+    ("tissue", "off", &["out-of-tolerance", "refused"], ""),
+    ("tissue", "numb", &["out-of-tolerance", "refused"], "contact force"),
+    ("tissue", "frozen", &["refused", "out-of-tolerance"], ""),
+    ("tissue", "epoch", &["refused", "out-of-tolerance"], ""),
+    ("tissue", "leak", &["unfit"], "it grows"),
+    ("fluid", "stop", STANDS, ""),
+    ("fluid", "slow", &["missed"], "its steps"),
+    ("fluid", "garbage", &["refused", "out-of-tolerance"], ""),
+    ("fluid", "off", &["out-of-tolerance"], ""),
+    ("fluid", "frozen", &["refused", "out-of-tolerance"], ""),
+    ("fluid", "stuck", &["not-ready"], "become ready"),
+    ("haptic", "abort", DIES, ""),
+    ("haptic", "stop", STANDS, ""),
+    ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),
+    ("haptic", "slow", &["late", "slow", "not-compared"], ""),
+    ("collision-worker", "segfault", DIES, ""),
+    ("collision-worker", "blind", &["refused"], ""),
+    ("collision-worker", "stop", STANDS_IN_PLACE, ""),
+    ("collision-worker", "slow", &["late", "slow", "hung", "refused"], ""),
+    ("recorder", "exit", DIES, ""),
+    ("recorder", "stop", STANDS_IN_PLACE, ""),
+    ("recorder", "mute", &["out-of-tolerance"], "its page"),
+    ("rendering", "mute", &["out-of-tolerance"], "its page"),
+    ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
+    ("rendering", "still", &["out-of-tolerance"], "stand still"),
+    ("rendering", "slow", &["slow"], "steps a second"),
+    ("rendering", "stop", STANDS_IN_PLACE, ""),
+    ("console", "mute", &["out-of-tolerance"], "its page"),
+    ("console", "stop", STANDS_IN_PLACE, ""),
+    ("device", "abort", DIES, ""),
+    ("device", "stop", STANDS_IN_PLACE, ""),
+    ("device", "slow", &["hung", "slow", "late", "missed", "out-of-tolerance"], ""),
+    ("device", "half", &["out-of-tolerance"], "the motors' force"),
+];
+
+/// Bad engines that end as another one of the list does, or take a minute to: shown where many swaps are asked for alone.
+const AS_THE_OTHERS: [(&str, &str); 21] = [
+    ("tissue", "start"),
+    ("tissue", "panic"),
+    ("tissue", "exit"),
+    ("tissue", "spin"),
+    ("tissue", "off"),
+    ("fluid", "stop"),
+    ("fluid", "slow"),
+    ("fluid", "frozen"),
+    ("fluid", "stuck"),
+    ("haptic", "stop"),
+    ("haptic", "slow"),
+    ("rendering", "mute"),
+    ("collision-worker", "segfault"),
+    ("collision-worker", "stop"),
+    ("collision-worker", "slow"),
+    ("recorder", "exit"),
+    ("rendering", "slow"),
+    ("rendering", "stop"),
+    ("console", "stop"),
+    ("device", "stop"),
+    ("device", "slow"),
+];
+
+#[test]
+fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
+    let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
+    // Of those that nobody has counted one of each kind: every role refuses in its own way, and dies as the others do.
+    let asked = number_of("HYSTATION_BAD_SWAPS");
+    let is_another = |case: &&(&str, &str, &[&str], &str)| asked.is_some() || !AS_THE_OTHERS.contains(&(case.0, case.1));
+    let cases: Vec<_> = BAD.iter().filter(is_another).collect();
+    let (count, of_each) = (asked.unwrap_or(cases.len()), asked.unwrap_or(0) / BAD.len());
+    let (mut windows, mut device) = (BTreeMap::<&str, Pairs>::new(), Pairs::default());
+    for (role, kind, causes, words) in cases.into_iter().cycle().take(count).copied() {
+        let path = bad_engine(station.folder(), role, kind);
+        let before = station.processes(role)[0]["binary"].clone();
+        let tried = || {
+            let mut tried = swap(&station, role, &path);
+            for _ in 1..TRIES {
+                if got_no_time(&tried.1) {
+                    station.recover();
+                    tried = swap(&station, role, &path);
+                }
+            }
+            tried
+        };
+        let pairs = if role == "device" { &mut device } else { windows.entry(role).or_default() };
+        let (code, record, said) = pairs.around(&station, CONTROL_TICKS, tried);
+        assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
+        let why = record["reason"].as_str().unwrap_or_default();
+        println!("{role} {kind}: {} ({why})", record["cause"]);
+        let is_own =
+            record["cause"].as_str().is_some_and(|cause| causes.contains(&cause) && (cause == "refused" || why.contains(words)));
+        assert!(is_own || got_no_time(&record), "{role} {kind}: {record:#}\n{}", station.said());
+        if !is_own {
+            not_shown(&format!("why {role} {kind} is rolled back: {TRIES} times it got no time"));
+        }
+        station.recover();
+        assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
+    }
+    // To the bad one and back to the good one.
+    device.judge_each("bad devices", 2.0 * DEVICE_TICKS, LEAST, &station);
+    judge("bad engines", &windows, of_each, &station);
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+}
