@@ -24,7 +24,10 @@ pub use limits::{Limits, is_judged, limits, sources};
 pub use reason::{Cause, Reason};
 pub use record::Record;
 pub use state::State;
-pub use swap::{ARRIVE_WITHIN_NS, GIVE_BACK_WITHIN_NS, PROVE_WITHIN_NS, Swap, TOUCH_WITHIN_NS, VACATE_WITHIN_NS, probation_ns};
+pub use swap::{
+    ARRIVE_WITHIN_NS, GIVE_BACK_WITHIN_NS, PROVE_WITHIN_NS, SHADOW_WITHIN_NS, Swap, TOUCH_WITHIN_NS, VACATE_WITHIN_NS,
+    probation_ns,
+};
 
 use hyst_messages::{Role, Slot};
 use state::{Life, Place};
@@ -105,6 +108,8 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
         Event::SwapLeft(left) => swap::resume(now_ns, &left, state),
         Event::Agreed { incarnation } => swap::agreed(now_ns, incarnation, state),
         Event::Touched { incarnation } => swap::touched(incarnation, state),
+        Event::Cuts { incarnation } => swap::cuts(now_ns, incarnation, state),
+        Event::Parted { incarnation } => swap::parted(now_ns, incarnation, state),
         Event::Doubted { incarnation, reason } => swap::doubted(now_ns, incarnation, reason, state),
         Event::StopRequested => {
             state.stopping = true;

@@ -126,6 +126,16 @@ pub enum Event {
         /// The newcomer.
         incarnation: u32,
     },
+    /// There is current in the electrode while a newcomer is on probation.
+    Cuts {
+        /// The newcomer.
+        incarnation: u32,
+    },
+    /// The mesh of a newcomer on probation and that of the old engine have gone different ways, and do not meet again.
+    Parted {
+        /// The newcomer.
+        incarnation: u32,
+    },
     /// Somebody has a reason not to trust an incarnation; it counts only for a newcomer.
     Doubted {
         /// Whom.

@@ -30,7 +30,7 @@ pub enum Cause {
     Unfit,
     /// The supervisor died meanwhile.
     Interrupted,
-    /// The machine left it no time to show what it is.
+    /// The machine left it no time to show what it is, or the hand did, which cut all the while.
     NoTime,
 }
 

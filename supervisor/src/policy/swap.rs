@@ -3,12 +3,14 @@
 //! A role with a state takes its newcomer as a guest, beside holder and spare: it *arrives*, *shadows*, is *promoted*, is on *probation* while the
 //! elders keep their own state; then the other slots are *settled*, one after the other, the guest gives the role back to one of them and
 //! *leaves*. The other roles are replaced in place, first one slot, which *vacates*, arrives and is on probation (a servo shadows and is promoted
-//! too, because the other one computes beside it), then the rest. Whatever goes wrong before the end of the probation leads to the retreat: the
+//! too, because the other one computes beside it), then the rest. A tissue *yields* where something is cut (`pauses.rs`). Whatever goes wrong before the end of the probation leads to the retreat: the
 //! old engine has the role, and the newcomer is gone.
 //!
 //! Promises: nothing is settled before a probation that nobody doubted; every swap ends once; the role is never taken from its only process
 //! that is ready while another may still come; a guest's slot is empty after the end.
 
+mod pauses;
+mod places;
 mod retreat;
 mod settle;
 mod touch;
@@ -16,6 +18,7 @@ mod touch;
 use super::{Action, Cause, Life, Reason, State, is_judged};
 use hyst_messages::page::Stage as Told;
 use hyst_messages::{Role, Slot};
+pub(super) use pauses::{cuts, parted};
 use retreat::{fail, retreated};
 pub use touch::TOUCH_WITHIN_NS;
 pub(super) use touch::touched;
@@ -26,7 +29,8 @@ pub const VACATE_WITHIN_NS: u64 = 10_000_000_000;
 pub const ARRIVE_WITHIN_NS: u64 = 30_000_000_000;
 /// The same for pictures in software.
 pub const ARRIVE_ORDINARY_WITHIN_NS: u64 = 180_000_000_000;
-/// How long it may take to agree with the incumbent, ns: a holder that is late leaps, and then there is nothing to compare with.
+/// How long it may take to agree with the incumbent, ns: a holder that is late leaps, and then there is nothing to compare with. With all the pauses in which a
+/// tissue gives the role back while something is cut.
 pub const SHADOW_WITHIN_NS: u64 = 60_000_000_000;
 /// How long it may take to have the role once it may, ns: a promotion waits for the end of a step, and is the work of the newcomer itself.
 pub const PROMOTE_WITHIN_NS: u64 = 5_000_000_000;
@@ -61,6 +65,7 @@ enum Stage {
     Shadowing,
     Promoting,
     Probation,
+    Yielding,
     Settling,
     Returning,
     Leaving,
@@ -86,9 +91,31 @@ pub struct Swap {
     agrees: bool,
     /// The hand has felt something on this probation.
     touched: bool,
+    /// When it was in the shadow first, and when its probation began, ns; and how long that was before something was cut, ns.
+    shadow_ns: u64,
+    trial_ns: u64,
+    tried_ns: u64,
 }
 
 impl Swap {
+    /// One that begins.
+    fn begun(now_ns: u64, slot: Slot, incumbent: u32) -> Swap {
+        Swap {
+            slot,
+            stage: Stage::Arriving,
+            since_ns: now_ns,
+            incarnation: 0,
+            incumbent,
+            rest: Vec::new(),
+            dismissed: false,
+            losses: 0,
+            agrees: false,
+            touched: false,
+            shadow_ns: now_ns,
+            trial_ns: now_ns,
+            tried_ns: 0,
+        }
+    }
     /// The role.
     pub fn role(&self) -> Role {
         self.slot.role()
@@ -98,64 +125,13 @@ impl Swap {
     }
     fn begin_probation(&mut self, now_ns: u64) {
         self.enter(now_ns, Stage::Probation);
-        (self.agrees, self.touched) = (!is_judged(self.role()), false);
+        self.agrees = !is_judged(self.role());
+        if self.tried_ns == 0 {
+            (self.touched, self.trial_ns) = (false, now_ns);
+        }
     }
     fn is_proven(&self) -> bool {
         matches!(self.stage, Stage::Settling | Stage::Returning | Stage::Leaving)
-    }
-}
-
-impl State {
-    /// The swap that is under way.
-    pub fn swap(&self) -> Option<&Swap> {
-        self.swap.as_ref()
-    }
-
-    /// Why no swap may begin in this slot now.
-    pub fn may_swap(&self, slot: Slot) -> Result<(), String> {
-        if self.stopping {
-            return Err("the station is stopping".into());
-        }
-        if let Some(swap) = &self.swap {
-            return Err(format!("a swap of {} is under way; wait for its end", swap.role().name()));
-        }
-        if !self.places.contains_key(&slot) {
-            let (name, has_another) = (slot.role().name(), self.places.keys().any(|other| other.role() == slot.role()));
-            let alone = format!("this station has one {name}, and that is swapped beside another one; start it with spares");
-            return Err(if has_another { alone } else { format!("this station has no {name}") });
-        }
-        let of_role = self.places.keys().filter(|other| other.role() == slot.role() && !other.is_guest());
-        match of_role.copied().find(|other| !self.is_ready(*other)) {
-            Some(other) => Err(format!("{other} is not ready now; wait until it is back")),
-            None if self.ladders.get(&slot.role()).is_some_and(|ladder| ladder.is_held()) => {
-                Err(format!("{} is held still; wait until it makes steps again", slot.role().name()))
-            }
-            None => Ok(()),
-        }
-    }
-
-    fn alive(&self, slot: Slot) -> Option<u32> {
-        match self.places.get(&slot)?.life {
-            Life::Alive { incarnation, .. } => Some(incarnation),
-            _ => None,
-        }
-    }
-
-    fn holder(&self, role: Role) -> u32 {
-        self.ladders.get(&role).map_or(0, |ladder| ladder.holder())
-    }
-
-    fn set_life(&mut self, slot: Slot, life: Life) {
-        if let Some(place) = self.places.get_mut(&slot) {
-            place.life = life;
-        }
-    }
-
-    /// A process of the newcomer's role that is ready and is not the newcomer; the one that had the role before, if it is among them.
-    fn elder(&self, newcomer: Slot, first: u32) -> Option<u32> {
-        let others = self.places.keys().filter(|slot| slot.role() == newcomer.role() && **slot != newcomer);
-        let ready: Vec<u32> = others.filter_map(|slot| self.ready(*slot)).collect();
-        ready.iter().copied().find(|incarnation| *incarnation == first).or(ready.first().copied())
     }
 }
 
@@ -164,18 +140,7 @@ pub(super) fn begin(now_ns: u64, slot: Slot, incumbent: u32, state: &mut State) 
     if state.may_swap(slot).is_err() {
         return Vec::new();
     }
-    let mut swap = Swap {
-        slot,
-        stage: Stage::Arriving,
-        since_ns: now_ns,
-        incarnation: 0,
-        incumbent,
-        rest: Vec::new(),
-        dismissed: false,
-        losses: 0,
-        agrees: false,
-        touched: false,
-    };
+    let mut swap = Swap::begun(now_ns, slot, incumbent);
     let action = match state.alive(slot) {
         Some(incarnation) => {
             swap.stage = Stage::Vacating;
@@ -194,19 +159,7 @@ pub(super) fn begin(now_ns: u64, slot: Slot, incumbent: u32, state: &mut State) 
 pub(super) fn resume(now_ns: u64, left: &super::Left, state: &mut State) -> Vec<Action> {
     let incarnation = state.alive(left.slot).filter(|alive| *alive == left.incarnation).unwrap_or(0);
     let rest = if left.proven { left.old.iter().map(|(slot, old)| (*slot, *old, false)).collect() } else { Vec::new() };
-    let swap = Swap {
-        slot: left.slot,
-        stage: Stage::Probation,
-        since_ns: now_ns,
-        incarnation,
-        incumbent: left.incumbent,
-        rest,
-        dismissed: false,
-        losses: 0,
-        agrees: false,
-        touched: false,
-    };
-    state.swap = Some(swap);
+    state.swap = Some(Swap { stage: Stage::Probation, incarnation, rest, ..Swap::begun(now_ns, left.slot, left.incumbent) });
     if left.proven {
         enter(now_ns, Stage::Settling, state);
         // Who died may not have said so any more: until it is said, the elders keep their line.
@@ -234,6 +187,7 @@ pub(super) fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State
         return vec![Action::Told { role, stage: Told::Trial, incarnation }];
     }
     swap.enter(now_ns, Stage::Shadowing);
+    swap.shadow_ns = now_ns;
     vec![Action::Told { role, stage: Told::Shadow, incarnation }]
 }
 
@@ -282,11 +236,12 @@ pub(super) fn holds(now_ns: u64, role: Role, incarnation: u32, state: &mut State
             swap.incumbent = incarnation; // whose spare took over meanwhile
             Vec::new()
         }
+        Stage::Yielding if !own => pauses::shadows_again(now_ns, incarnation, state),
         Stage::Shadowing if own && role.is_stateful() => {
             fail(now_ns, Reason::new(Cause::Unasked, "it took the role unasked"), state)
         }
         Stage::Probation if !own && role.is_stateful() && swap.losses < MOST_LOSSES => {
-            swap.losses += 1;
+            (swap.losses, swap.tried_ns) = (swap.losses + 1, 0);
             swap.enter(now_ns, Stage::Promoting);
             Vec::new()
         }
@@ -323,7 +278,7 @@ pub(super) fn died(now_ns: u64, slot: Slot, incarnation: u32, hung: bool, state:
             Some(vec![Action::Spawn { slot }])
         }
         Stage::Retreating => Some(retreated(slot, state)),
-        Stage::Arriving | Stage::Shadowing | Stage::Promoting | Stage::Probation => {
+        Stage::Arriving | Stage::Shadowing | Stage::Promoting | Stage::Probation | Stage::Yielding => {
             let (role, to) = (swap.role(), swap.incumbent);
             let reason = if hung { Reason::new(Cause::Hung, "it hung") } else { Reason::new(Cause::Died, "it died") };
             let mut actions = vec![Action::Retreat { role, to, reason }];
@@ -359,18 +314,19 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
         Stage::Arriving if passed_ns > arrive_within_ns(role) => {
             fail(now_ns, Reason::new(Cause::NotReady, "it did not become ready"), state)
         }
-        Stage::Shadowing if passed_ns > SHADOW_WITHIN_NS => {
+        Stage::Shadowing if now_ns.saturating_sub(swap.shadow_ns) > SHADOW_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::NotCompared, "it could not be compared with the old engine in time"), state)
         }
         Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::Missed, "it did not take the role"), state)
         }
-        Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) && !swap.waits_for_touch(passed_ns) => {
+        Stage::Probation if swap.agrees && swap.tried_ns + passed_ns >= probation_ns(role) && !swap.waits_for_touch(now_ns) => {
             settle::begin(now_ns, &swap, state)
         }
         Stage::Probation if passed_ns > PROVE_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::NotCompared, "it could not be compared on its probation"), state)
         }
+        Stage::Yielding => pauses::next(now_ns, state),
         Stage::Settling => settle::next(now_ns, state),
         Stage::Returning if state.holder(role) != swap.incarnation => {
             if passed_ns <= GIVE_BACK_WITHIN_NS && !settle::others_are_back(&swap, state) {

@@ -1,16 +1,17 @@
 //! A swap under way: what the policy says is done here, and what speaks against a newcomer is gathered here: the judge's lines, the other
 //! servo's force, what its readers say of it, and whether it makes its steps.
 
+mod current;
 mod effort;
 mod forces;
 mod judge;
 mod newcomer;
+mod verdict;
 
 use super::Supervisor;
 use crate::journal;
 use crate::mischief::Charge;
 use crate::policy::{self, Action, Cause, Event, Left, Reason};
-use crate::swap::judge::Seen;
 use crate::swap::{AGREES, DONE, HAS_THE_ROLE, IN_PLACE, Record, first_slot, kept, line_of_step, role_of};
 use effort::{Effort, KEPT_OFF_FOR_LATE, Spent, Tenures};
 use hyst_exchange::system;
@@ -45,12 +46,15 @@ pub struct Trial {
     stage: Stage,
     since_ns: u64,
     judge: Option<Child>,
-    /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role.
+    /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role; and how many while it had it before a pause.
     compared: (u64, u64),
+    proven: u64,
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
     /// Looks at which the hand felt something on this probation.
     felt: u32,
+    /// When there was current in the electrode last, ns; 0 if there was none since it has been ready.
+    current_ns: u64,
     /// What the old engine spent; nothing if that is not known.
     old: Spent,
     /// The old rendering drew pictures.
@@ -74,8 +78,10 @@ impl Trial {
             since_ns: system::now_ns(),
             judge: None,
             compared: (0, 0),
+            proven: 0,
             forces: (0, 0, 0),
             felt: 0,
+            current_ns: 0,
             old,
             drew: false,
             effort: None,
@@ -161,8 +167,8 @@ impl Supervisor {
                 let Some(trial) = &mut self.trial else { return };
                 trial.record.proven = true;
                 let binary = trial.record.binary.clone();
-                let (compared, before) = trial.compared;
-                let pairs = if role.is_stateful() { format!(" ({} states compared)", compared - before) } else { String::new() };
+                let compared = trial.compared_on_probation();
+                let pairs = if role.is_stateful() { format!(" ({compared} states compared)") } else { String::new() };
                 let in_touch = self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch);
                 let untried = if in_touch { "" } else { UNTOUCHED };
                 self.note_step(&format!("its probation is over: the role is its own{pairs}{untried}"));
@@ -206,14 +212,18 @@ impl Supervisor {
         }
         self.spawner.mortality.pass("swap-told");
         let in_place = !role.is_replicated();
+        let is_again = stage == Stage::Shadow && self.trial.as_ref().is_some_and(|trial| trial.stage == Stage::Trial);
         if let Some(trial) = &mut self.trial {
             trial.note_leader();
+            trial.proven = if is_again { trial.compared_on_probation() } else { trial.proven };
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
-            if stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
+            let begins = stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && !is_again;
+            if begins && policy::is_judged(role) {
                 trial.judge = judge::start(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
             }
         }
         let text = match stage {
+            Stage::Shadow if is_again => "in the shadow again: what is cut is cut by the old engine",
             Stage::Shadow => "ready, and in the shadow of the old engine",
             Stage::Trial if in_place => IN_PLACE,
             Stage::Trial => AGREES,
@@ -300,6 +310,7 @@ impl Supervisor {
             self.compare_forces(now_ns);
         }
         self.note_touch(now_ns);
+        self.note_current(now_ns);
         self.note_effort(now_ns);
         // Of those with a state the elders judge whether they are in time.
         if stage == Stage::Trial && !role.is_stateful() {
@@ -316,29 +327,6 @@ impl Supervisor {
         let followed = page.map_or(0, |page| page.load64(device::SELECTED_INCARNATION) as u32);
         let actions = policy::step(now_ns, Event::Holds { role: Role::Haptic, incarnation: followed }, &mut self.policy);
         self.act(actions);
-    }
-
-    /// A line of the judge.
-    pub(super) fn judged(&mut self, incarnation: u32, seen: &Seen) {
-        let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.incarnation == incarnation) else { return };
-        if trial.record.proven {
-            return;
-        }
-        let (now_ns, stage, since_ns) = (system::now_ns(), trial.stage, trial.since_ns);
-        trial.compared.0 = seen.compared;
-        let is_long = now_ns - since_ns >= SHADOW_NS;
-        let is_proof = stage == Stage::Trial && trial.role.is_stateful();
-        let least = if is_proof { LEAST_PROVEN } else { LEAST_COMPARED };
-        let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= least;
-        if seen.outside >= MOST_OUTSIDE {
-            self.doubt(incarnation, Reason::new(Cause::OutOfTolerance, format!("out of tolerance: {}", seen.text)));
-        } else if is_enough && matches!(stage, Stage::Shadow | Stage::Trial) {
-            if stage == Stage::Shadow {
-                self.note_step(&format!("{} states compared, the worst at {:.2e} of the tolerance", seen.compared, seen.worst));
-            }
-            let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
-            self.act(actions);
-        }
     }
 
     /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that nobody knows goes too.

@@ -2,6 +2,9 @@
 //! newcomer computes with what the old engine computes, by the role's stated tolerance. It decides nothing and nobody waits for it: the
 //! supervisor reads its lines. A helper, because a reader trusts offsets in memory that the newcomer writes.
 
+#[cfg(test)]
+mod tests;
+
 use hyst_exchange::{Links, ReadPage, Station, StationPage, Subscriber, system};
 use hyst_messages::page::tissue;
 use hyst_messages::tolerance::{Deviation, SHADOW_EPOCH, compare, compare_models};
@@ -26,7 +29,8 @@ const SHORT_STEP_TICKS: u32 = 4;
 const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
-/// States in a row of a newcomer whose step is of another length than the old engine's, after which it is said that there is nothing to compare.
+/// States in a row of a newcomer whose step is of another length than the old engine's, or whose mesh is another one than that which the old engine makes of
+/// the same state, after which it is said that there is nothing to compare.
 const MOST_UNLIKE: u32 = 30;
 
 /// What the judge has seen so far.
@@ -42,6 +46,8 @@ pub struct Seen {
     pub worst: f64,
     /// The last one in words.
     pub text: String,
+    /// Pairs in a row, up to now, of a newcomer that has the role, whose meshes are not the same: of those nothing is compared.
+    pub apart: u32,
 }
 
 impl Seen {
@@ -59,6 +65,8 @@ impl Seen {
 /// One side's state of a tick.
 struct State {
     is_shadow: bool,
+    /// The version of its mesh; 0 of a state that has none.
+    mesh: u32,
     bytes: Vec<u8>,
 }
 
@@ -74,6 +82,10 @@ struct Pairs {
     steps: [u32; 2],
     unlike: u32,
     has_met: bool,
+    /// The newest meshes of the old engine and of the newcomer; pairs in a row whose meshes were not the same, of a newcomer that has the role and of one in
+    /// the shadow.
+    meshes: [u32; 2],
+    apart: [u32; 2],
     /// Contact models of ticks, and what was seen of them.
     models: BTreeMap<u64, [Option<ContactModel>; 2]>,
     felt: Seen,
@@ -95,19 +107,35 @@ impl Pairs {
             return;
         }
         let side = usize::from(header.incarnation == guest);
-        let state = State { is_shadow: header.is_shadow(), bytes: bytes.to_vec() };
+        let mesh = if kind == Kind::TissueState { header.topology_version } else { 0 };
+        let state = State { is_shadow: header.is_shadow(), mesh, bytes: bytes.to_vec() };
         let pair = self.waiting.entry(header.tick).or_default();
         pair[side] = Some(state);
         if let [Some(old), Some(new)] = pair
             && old.is_shadow != new.is_shadow
         {
-            let found = compare(kind, &old.bytes, &new.bytes);
+            let (is_alike, in_shadow) = (old.mesh == new.mesh, new.is_shadow);
+            let found = is_alike.then(|| compare(kind, &old.bytes, &new.bytes));
             self.has_met = true;
             self.waiting.remove(&header.tick);
-            self.note(found.map(said));
+            match found {
+                Some(found) => self.note(found.map(said)),
+                None => self.note_apart(in_shadow),
+            }
         }
         while self.waiting.len() > MOST_WAITING {
             self.waiting.pop_first();
+        }
+    }
+
+    /// Two states of one tick have different meshes. In the shadow both are made of one state in one step, and a newcomer that makes another mesh of it again and
+    /// again is out of tolerance. Who has the role goes on from his own: where something is cut he may have lost other ticks than the old engine, and have cut
+    /// at another place.
+    fn note_apart(&mut self, in_shadow: bool) {
+        let apart = &mut self.apart[usize::from(in_shadow)];
+        *apart += 1;
+        if in_shadow && *apart >= MOST_UNLIKE {
+            self.seen.note((f64::INFINITY, "the mesh that it makes of a state is another one than the old engine's".into()));
         }
     }
 
@@ -133,6 +161,7 @@ impl Pairs {
 
     /// Looks for leaps: an epoch of the newcomer's that does not begin with the next step, and a hole in what the old engine keeps beside it.
     fn follow(&mut self, header: &StreamHeader, guest: u32) {
+        self.meshes[usize::from(header.incarnation == guest)] = header.topology_version;
         let step = u64::from(header.step_ticks);
         let leapt = match (header.incarnation == guest, header.is_shadow()) {
             (is_guest, false) => {
@@ -155,6 +184,9 @@ impl Pairs {
 
     /// Takes a contact model that was just read from the page of one side; compares as for states. Not each of them is seen: a page has the newest.
     fn take_model(&mut self, model: ContactModel, guest: u32) {
+        if self.meshes[0] != self.meshes[1] {
+            return self.models.clear(); // one side has cut, and the other one not yet
+        }
         if self.leapt.is_some_and(|leapt| model.state_tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
@@ -177,10 +209,11 @@ impl Pairs {
         let (states, felt) = (&self.seen, &self.felt);
         let worse = if (felt.outside, felt.ratio) > (states.outside, states.ratio) { felt } else { states };
         let compared = if self.has_models { states.compared.min(felt.compared) } else { states.compared };
-        Seen { compared, worst: states.worst.max(felt.worst), ..worse.clone() }
+        Seen { compared, worst: states.worst.max(felt.worst), apart: self.apart[0], ..worse.clone() }
     }
 
     fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
+        self.apart = [0; 2];
         self.seen.note(found.unwrap_or_else(|error| (f64::INFINITY, error.to_string())));
     }
 }
@@ -268,130 +301,4 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
         system::sleep_ns(LOOK_NS);
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_messages::stream::message_bytes;
-    use hyst_messages::{FluidStatus, MessageMut};
-
-    fn state(epoch: u32, incarnation: u32, tick: u64, pressure_pa: f32) -> Vec<u8> {
-        let sections = [size_of::<FluidStatus>(), 8, 16];
-        let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        let header = StreamHeader { epoch, incarnation, tick, step_ticks: 33, ..Default::default() };
-        let mut message = MessageMut::format(bytes, Kind::FluidState, header, &sections).unwrap();
-        let status = FluidStatus { pressure_pa, ..Default::default() };
-        message.section::<u8>(0).unwrap().copy_from_slice(bytemuck::bytes_of(&status));
-        bytemuck::cast_slice(&memory).to_vec()
-    }
-
-    #[test]
-    fn states_of_one_tick_are_compared_whoever_comes_first_and_only_one_of_them_is_the_roles() {
-        let mut pairs = Pairs::default();
-        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
-        pairs.take(Kind::FluidState, &state(0, 17, 66, 9_000.0), 17);
-        assert_eq!(pairs.seen.compared, 0, "nothing of the same tick");
-        pairs.take(Kind::FluidState, &state(4, 6, 66, 9_100.0), 17);
-        pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
-        assert_eq!((pairs.seen.compared, pairs.seen.outside), (2, 0));
-        assert!((pairs.seen.worst - 0.1).abs() < 1e-6, "{:?}", pairs.seen);
-        for tick in [99, 132, 165] {
-            pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
-            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
-        }
-        assert_eq!((pairs.seen.compared, pairs.seen.outside, pairs.seen.ratio), (5, 3, 3.0));
-        assert!(pairs.seen.text.starts_with("pressure differ by 3.000e3 Pa"), "{}", pairs.seen.text);
-        pairs.take(Kind::FluidState, &state(5, 17, 198, 9_000.0), 17);
-        pairs.take(Kind::FluidState, &state(6, 6, 198, 12_000.0), 17);
-        assert_eq!(pairs.seen.compared, 5, "two states of the role in different epochs are not for the judge");
-        pairs.take(Kind::FluidState, &state(0, 6, 198, 9_000.0), 17);
-        assert_eq!((pairs.seen.compared, pairs.seen.outside), (6, 0));
-        assert!(pairs.waiting.len() <= MOST_WAITING);
-    }
-
-    #[test]
-    fn a_newcomer_whose_states_are_right_and_whose_contact_model_has_no_planes_is_out_of_tolerance() {
-        let mut pairs = Pairs::default();
-        let model = |epoch: u32, incarnation: u32, state_tick: u64, plane_count: u32| {
-            let mut model = ContactModel { epoch, incarnation, state_tick, plane_count, ..ContactModel::default() };
-            (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
-            model
-        };
-        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
-        pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
-        for tick in 40..43 {
-            pairs.take_model(model(4, 6, tick, 1), 17);
-            pairs.take_model(model(0, 17, tick, 1), 17);
-        }
-        assert_eq!((pairs.seen().compared, pairs.seen().outside, pairs.felt.compared), (1, 0, 3));
-        for tick in 43..46 {
-            pairs.take_model(model(0, 17, tick, 0), 17);
-            pairs.take_model(model(4, 6, tick, 1), 17);
-        }
-        let seen = pairs.seen();
-        assert_eq!((seen.compared, seen.outside), (1, 3));
-        assert!(seen.worst > 1.0 && seen.text.starts_with("contact force differ by"), "{seen:?}");
-        pairs.take_model(model(4, 6, 46, 1), 17);
-        pairs.take_model(model(5, 17, 46, 0), 17);
-        assert_eq!(pairs.felt.compared, 6, "both are of the role: not for the judge");
-    }
-
-    #[test]
-    fn a_newcomer_that_leapt_over_ticks_is_compared_again_once_that_is_forgotten() {
-        let mut pairs = Pairs::default();
-        pairs.take(Kind::FluidState, &state(4, 6, 0, 9_000.0), 17);
-        let mut both = |epoch: u32, tick: u64| {
-            pairs.take(Kind::FluidState, &state(epoch, 17, tick, 12_000.0), 17);
-            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
-            pairs.seen.compared
-        };
-        assert_eq!(both(5, 33), 1, "its first epoch begins without a leap");
-        assert_eq!(both(5, 66), 2);
-        assert_eq!(both(6, 66 + 33), 3, "an epoch of its own, and no tick is missing");
-        let leapt = 99 + 66;
-        assert_eq!(both(7, leapt), 3, "it leapt");
-        assert_eq!(both(7, leapt + FORGET_TICKS - 1), 3);
-        assert_eq!(both(7, leapt + FORGET_TICKS), 4);
-        assert_eq!(both(7, leapt + FORGET_TICKS + 33), 5);
-        let far = leapt + FORGET_TICKS + 33 + 33 * (LOST + 1);
-        assert_eq!(both(7, far), 5, "the old engine leapt");
-        assert_eq!(both(7, far + FORGET_TICKS), 6);
-    }
-
-    /// It was waited for for a minute, and then it was said that it could not be compared in time.
-    #[test]
-    fn a_newcomer_whose_steps_never_meet_the_old_engines_is_told_so_and_one_whose_steps_do_is_compared() {
-        let with_step = |mut bytes: Vec<u8>, step_ticks: u32| {
-            hyst_messages::stream::change_header(&mut bytes, |header| header.step_ticks = step_ticks);
-            bytes
-        };
-        let shown = |step_ticks: u32, changes_at: u64| {
-            let mut pairs = Pairs::default();
-            for turn in 0..40 {
-                let (now, step) = (66 * turn, if turn < changes_at { step_ticks } else { 66 });
-                pairs.take(Kind::FluidState, &with_step(state(4, 6, now, 9_000.0), 66), 17);
-                pairs.take(Kind::FluidState, &with_step(state(0, 17, now + u64::from(step), 9_000.0), step), 17);
-            }
-            pairs.seen()
-        };
-        let apart = shown(33, u64::MAX);
-        assert!(apart.outside >= 3 && apart.text.starts_with("its steps are of 33 ticks"), "{apart:?}");
-        for (step_ticks, changes_at) in [(33, 20), (66, 0), (132, u64::MAX)] {
-            let seen = shown(step_ticks, changes_at);
-            assert!(seen.outside == 0 && seen.compared > 10, "{step_ticks}: {seen:?}");
-        }
-    }
-
-    #[test]
-    fn a_newcomer_that_takes_the_role_late_has_leapt_too() {
-        let mut pairs = Pairs::default();
-        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
-        for (tick, compared) in [(33 + 66, 0), (33 + 66 + FORGET_TICKS, 1)] {
-            pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
-            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
-            assert_eq!(pairs.seen.compared, compared);
-        }
-    }
 }

@@ -3,6 +3,7 @@
 
 mod by_hand;
 mod ends;
+mod pauses;
 mod swaps;
 
 use hyst_messages::{Role, Slot};

@@ -15,6 +15,7 @@ pub struct Seen {
     incumbent: u32,
     agreed: bool,
     trial_ns: Option<u64>,
+    tried_ns: u64,
     retreat_ns: Option<u64>,
     adopted: bool,
     adopted_ns: u64,
@@ -48,10 +49,13 @@ impl World {
                 self.dismissed.push((slot, incarnation));
             }
             Action::Told { stage: Stage::Trial, .. } => seen.trial_ns = Some(self.now_ns),
+            Action::Told { stage: Stage::Shadow, .. } => {
+                seen.tried_ns += seen.trial_ns.take().map_or(0, |trial_ns| self.now_ns - trial_ns);
+            }
             Action::Told { .. } => {}
             Action::Adopt { role } => {
-                let trial_ns = seen.trial_ns.expect("adopted without a trial");
-                assert!(self.now_ns - trial_ns >= probation_ns(role), "adopted before the end of the probation");
+                let tried_ns = seen.tried_ns + self.now_ns - seen.trial_ns.expect("adopted without a trial");
+                assert!(tried_ns >= probation_ns(role), "adopted before the end of the probation");
                 assert!(seen.agreed || !role.is_replicated(), "adopted without having agreed");
                 assert!(seen.retreat_ns.is_none() && !seen.adopted, "adopted twice, or in the retreat");
                 (seen.adopted, seen.adopted_ns) = (true, self.now_ns);
@@ -111,6 +115,7 @@ impl World {
                     incumbent,
                     agreed: false,
                     trial_ns: None,
+                    tried_ns: 0,
                     retreat_ns: None,
                     adopted: false,
                     adopted_ns: 0,
@@ -128,6 +133,7 @@ impl World {
                 }
             }
             2 => self.event(state, Event::Doubted { incarnation: newcomer, reason: Reason::new(Cause::Refused, "the dice") }),
+            3 if dice.below(2) == 0 => self.event(state, super::pauses::one_of(newcomer, dice.below(2))),
             _ => drop(self.bury_dismissed(state)),
         }
     }

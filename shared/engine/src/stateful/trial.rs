@@ -63,7 +63,9 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn note_trial(&mut self, holder: Tenure) {
         let swap = self.life.clock.swap(self.role);
         self.chain.expect_guest(if self.is_guest() || !swap.keeps_line() { 0 } else { swap.guest });
-        if !swap.keeps_line() && holder.incarnation != self.me() {
+        // Who was given the role after that was read goes on from the line.
+        let is_given = || self.roster.holder(self.role).incarnation == self.me();
+        if !swap.keeps_line() && holder.incarnation != self.me() && !is_given() {
             self.chain.end_line();
             self.lower(false);
             self.trial = Trial { turns: self.trial.turns, held_ns: self.trial.held_ns, ..Trial::default() };
@@ -87,6 +89,8 @@ impl<S: Stateful> Loop<'_, S> {
         let Some(newest) = self.chain.newest().filter(|_| swap.guest == self.me()) else { return Ok(()) };
         let of_role = u64::from(Message::parse(newest.bytes(), self.engine.kind())?.header().step_ticks);
         let (newest_tick, step) = (self.chain.key().1, self.engine.step_ticks());
+        // One that was told to shadow again has given the role back, which is no turn that it lost.
+        self.trial.turns = if swap.stage == Stage::Shadow { 0 } else { self.trial.turns };
         match swap.stage {
             Stage::Shadow if is_shadowed(newest_tick, step, of_role) => self.make_beside(newest_tick + step, holder, false),
             // Between two steps: the holder has done the one of this tick, and has not begun the next.

@@ -28,7 +28,7 @@ impl Swap {
     pub fn was_tried_in_touch(&self) -> bool {
         self.touched || !feels(self.role())
     }
-    pub(super) fn waits_for_touch(&self, passed_ns: u64) -> bool {
-        !self.was_tried_in_touch() && passed_ns < TOUCH_WITHIN_NS
+    pub(super) fn waits_for_touch(&self, now_ns: u64) -> bool {
+        !self.was_tried_in_touch() && now_ns.saturating_sub(self.trial_ns) < TOUCH_WITHIN_NS
     }
 }

@@ -103,7 +103,7 @@ impl Trial {
     }
 
     /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
-    /// one beside it spent tells what the steps cost anybody.
+    /// one beside it spent tells what the steps cost anybody. Nor did one for which the electrode left no pause in which it could be tried.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
         let old = self.old_engine();
         let got_no_time = match reason.cause {
@@ -116,6 +116,9 @@ impl Trial {
         };
         if got_no_time {
             return Reason::new(Cause::NoTime, format!("{}; the machine left it no time", reason.text));
+        }
+        if reason.cause == Cause::NotCompared && self.current_ns != 0 {
+            return Reason::new(Cause::NoTime, format!("{}; the electrode cut meanwhile", reason.text));
         }
         reason
     }
@@ -238,6 +241,20 @@ mod tests {
         }
         for cause in [Cause::Late, Cause::Slow, Cause::Died, Cause::OutOfTolerance, Cause::NotReady] {
             assert_eq!(weighed(cause, spent(6, 70, 110), Some(spent(6, 70, 110))), cause);
+        }
+    }
+
+    /// It was said that the newcomer left nothing to compare, of one that nobody had let try.
+    #[test]
+    fn one_for_which_the_hand_left_no_pause_got_no_time_and_is_not_excused_anything_else() {
+        let while_cut = |cause: Cause| {
+            let mut trial = Trial::begin(record(), Role::Tissue, Spent::default());
+            trial.current_ns = 1;
+            trial.weighed(Reason::new(cause, "why")).cause
+        };
+        assert_eq!(while_cut(Cause::NotCompared), Cause::NoTime);
+        for cause in [Cause::Missed, Cause::Died, Cause::OutOfTolerance, Cause::Refused] {
+            assert_eq!(while_cut(cause), cause);
         }
     }
 

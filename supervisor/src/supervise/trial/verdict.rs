@@ -1,0 +1,49 @@
+//! What the lines of the judge come to: the newcomer agrees, and may go on, or it goes.
+
+use super::{LEAST_COMPARED, LEAST_PROVEN, MOST_OUTSIDE, SHADOW_NS, Trial};
+use crate::policy::{self, Cause, Event, Reason};
+use crate::supervise::Supervisor;
+use crate::swap::judge::Seen;
+use hyst_exchange::system;
+use hyst_messages::page::Stage;
+
+/// Pairs in a row of which nothing could be compared because their meshes were not the same, two seconds of a real-time role, after which they will not be again.
+const MOST_APART: u32 = 125;
+
+impl Trial {
+    /// Pairs of states that were compared while the newcomer had the role, before the pauses in which it gave it back, too.
+    pub(super) fn compared_on_probation(&self) -> u64 {
+        self.proven + self.compared.0 - self.compared.1
+    }
+}
+
+impl Supervisor {
+    /// A line of the judge.
+    pub(in crate::supervise) fn judged(&mut self, incarnation: u32, seen: &Seen) {
+        let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.incarnation == incarnation) else { return };
+        if trial.record.proven {
+            return;
+        }
+        let (now_ns, stage) = (system::now_ns(), trial.stage);
+        trial.compared.0 = seen.compared;
+        // How long it has been on probation the policy knows.
+        let is_proof = stage == Stage::Trial && trial.role.is_stateful();
+        let is_enough = match is_proof {
+            true => trial.compared_on_probation() >= LEAST_PROVEN,
+            false => now_ns - trial.since_ns >= SHADOW_NS && seen.compared - trial.compared.1 >= LEAST_COMPARED,
+        };
+        let may_go_on = is_proof || stage == Stage::Trial || stage == Stage::Shadow && trial.is_calm(now_ns);
+        if seen.outside >= MOST_OUTSIDE {
+            self.doubt(incarnation, Reason::new(Cause::OutOfTolerance, format!("out of tolerance: {}", seen.text)));
+        } else if is_proof && seen.apart >= MOST_APART {
+            let actions = policy::step(now_ns, Event::Parted { incarnation }, &mut self.policy);
+            self.act(actions);
+        } else if is_enough && may_go_on && seen.outside == 0 {
+            if stage == Stage::Shadow {
+                self.note_step(&format!("{} states compared, the worst at {:.2e} of the tolerance", seen.compared, seen.worst));
+            }
+            let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
+            self.act(actions);
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Promise of the judge: it compares what can be compared, and says what is wrong with a newcomer of which nothing can.
+
+use super::*;
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{FluidStatus, MessageMut};
+
+fn state(epoch: u32, incarnation: u32, tick: u64, pressure_pa: f32) -> Vec<u8> {
+    let sections = [size_of::<FluidStatus>(), 8, 16];
+    let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+    let header = StreamHeader { epoch, incarnation, tick, step_ticks: 33, ..Default::default() };
+    let mut message = MessageMut::format(bytes, Kind::FluidState, header, &sections).unwrap();
+    let status = FluidStatus { pressure_pa, ..Default::default() };
+    message.section::<u8>(0).unwrap().copy_from_slice(bytemuck::bytes_of(&status));
+    bytemuck::cast_slice(&memory).to_vec()
+}
+
+#[test]
+fn states_of_one_tick_are_compared_whoever_comes_first_and_only_one_of_them_is_the_roles() {
+    let mut pairs = Pairs::default();
+    pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+    pairs.take(Kind::FluidState, &state(0, 17, 66, 9_000.0), 17);
+    assert_eq!(pairs.seen.compared, 0, "nothing of the same tick");
+    pairs.take(Kind::FluidState, &state(4, 6, 66, 9_100.0), 17);
+    pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
+    assert_eq!((pairs.seen.compared, pairs.seen.outside), (2, 0));
+    assert!((pairs.seen.worst - 0.1).abs() < 1e-6, "{:?}", pairs.seen);
+    for tick in [99, 132, 165] {
+        pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+    }
+    assert_eq!((pairs.seen.compared, pairs.seen.outside, pairs.seen.ratio), (5, 3, 3.0));
+    assert!(pairs.seen.text.starts_with("pressure differ by 3.000e3 Pa"), "{}", pairs.seen.text);
+    pairs.take(Kind::FluidState, &state(5, 17, 198, 9_000.0), 17);
+    pairs.take(Kind::FluidState, &state(6, 6, 198, 12_000.0), 17);
+    assert_eq!(pairs.seen.compared, 5, "two states of the role in different epochs are not for the judge");
+    pairs.take(Kind::FluidState, &state(0, 6, 198, 9_000.0), 17);
+    assert_eq!((pairs.seen.compared, pairs.seen.outside), (6, 0));
+    assert!(pairs.waiting.len() <= MOST_WAITING);
+}
+
+#[test]
+fn a_newcomer_whose_states_are_right_and_whose_contact_model_has_no_planes_is_out_of_tolerance() {
+    let mut pairs = Pairs::default();
+    let model = |epoch: u32, incarnation: u32, state_tick: u64, plane_count: u32| {
+        let mut model = ContactModel { epoch, incarnation, state_tick, plane_count, ..ContactModel::default() };
+        (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
+        model
+    };
+    pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+    pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
+    for tick in 40..43 {
+        pairs.take_model(model(4, 6, tick, 1), 17);
+        pairs.take_model(model(0, 17, tick, 1), 17);
+    }
+    assert_eq!((pairs.seen().compared, pairs.seen().outside, pairs.felt.compared), (1, 0, 3));
+    for tick in 43..46 {
+        pairs.take_model(model(0, 17, tick, 0), 17);
+        pairs.take_model(model(4, 6, tick, 1), 17);
+    }
+    let seen = pairs.seen();
+    assert_eq!((seen.compared, seen.outside), (1, 3));
+    assert!(seen.worst > 1.0 && seen.text.starts_with("contact force differ by"), "{seen:?}");
+    pairs.take_model(model(4, 6, 46, 1), 17);
+    pairs.take_model(model(5, 17, 46, 0), 17);
+    assert_eq!(pairs.felt.compared, 6, "both are of the role: not for the judge");
+}
+
+#[test]
+fn a_newcomer_that_leapt_over_ticks_is_compared_again_once_that_is_forgotten() {
+    let mut pairs = Pairs::default();
+    pairs.take(Kind::FluidState, &state(4, 6, 0, 9_000.0), 17);
+    let mut both = |epoch: u32, tick: u64| {
+        pairs.take(Kind::FluidState, &state(epoch, 17, tick, 12_000.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+        pairs.seen.compared
+    };
+    assert_eq!(both(5, 33), 1, "its first epoch begins without a leap");
+    assert_eq!(both(5, 66), 2);
+    assert_eq!(both(6, 66 + 33), 3, "an epoch of its own, and no tick is missing");
+    let leapt = 99 + 66;
+    assert_eq!(both(7, leapt), 3, "it leapt");
+    assert_eq!(both(7, leapt + FORGET_TICKS - 1), 3);
+    assert_eq!(both(7, leapt + FORGET_TICKS), 4);
+    assert_eq!(both(7, leapt + FORGET_TICKS + 33), 5);
+    let far = leapt + FORGET_TICKS + 33 + 33 * (LOST + 1);
+    assert_eq!(both(7, far), 5, "the old engine leapt");
+    assert_eq!(both(7, far + FORGET_TICKS), 6);
+}
+
+/// It was waited for for a minute, and then it was said that it could not be compared in time.
+#[test]
+fn a_newcomer_whose_steps_never_meet_the_old_engines_is_told_so_and_one_whose_steps_do_is_compared() {
+    let with_step = |mut bytes: Vec<u8>, step_ticks: u32| {
+        hyst_messages::stream::change_header(&mut bytes, |header| header.step_ticks = step_ticks);
+        bytes
+    };
+    let shown = |step_ticks: u32, changes_at: u64| {
+        let mut pairs = Pairs::default();
+        for turn in 0..40 {
+            let (now, step) = (66 * turn, if turn < changes_at { step_ticks } else { 66 });
+            pairs.take(Kind::FluidState, &with_step(state(4, 6, now, 9_000.0), 66), 17);
+            pairs.take(Kind::FluidState, &with_step(state(0, 17, now + u64::from(step), 9_000.0), step), 17);
+        }
+        pairs.seen()
+    };
+    let apart = shown(33, u64::MAX);
+    assert!(apart.outside >= 3 && apart.text.starts_with("its steps are of 33 ticks"), "{apart:?}");
+    for (step_ticks, changes_at) in [(33, 20), (66, 0), (132, u64::MAX)] {
+        let seen = shown(step_ticks, changes_at);
+        assert!(seen.outside == 0 && seen.compared > 10, "{step_ticks}: {seen:?}");
+    }
+}
+
+#[test]
+fn a_newcomer_that_takes_the_role_late_has_leapt_too() {
+    let mut pairs = Pairs::default();
+    pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+    for (tick, compared) in [(33 + 66, 0), (33 + 66 + FORGET_TICKS, 1)] {
+        pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+        assert_eq!(pairs.seen.compared, compared);
+    }
+}
+
+/// A tissue's state of a mesh with so many nodes.
+fn tissue([epoch, incarnation, mesh]: [u32; 3], tick: u64, nodes: usize) -> Vec<u8> {
+    let sections = [8, 12 * nodes, 12 * nodes, 12];
+    let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+    let header = StreamHeader { epoch, incarnation, tick, step_ticks: 1, topology_version: mesh, ..Default::default() };
+    MessageMut::format(bytemuck::cast_slice_mut(&mut memory), Kind::TissueState, header, &sections).unwrap();
+    bytemuck::cast_slice(&memory).to_vec()
+}
+
+/// What is seen after a pair of tissues under these epochs, with these meshes and as many more nodes; the old engine's contact model has a plane.
+fn after_a_pair(pairs: &mut Pairs, tick: u64, epochs: [u32; 2], meshes: [u32; 2], planes: [u32; 2]) -> Seen {
+    let writers = [6, 17];
+    for side in [0, 1] {
+        let state = tissue([epochs[side], writers[side], meshes[side]], tick, 4 + meshes[side] as usize);
+        pairs.take(Kind::TissueState, &state, writers[1]);
+    }
+    for side in [0, 1] {
+        let (epoch, incarnation, plane_count) = (epochs[side], writers[side], planes[side]);
+        let mut model = ContactModel { epoch, incarnation, state_tick: tick, plane_count, ..ContactModel::default() };
+        (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
+        pairs.take_model(model, writers[1]);
+    }
+    pairs.seen()
+}
+
+/// A good tissue that took the role while the electrode cut was out of tolerance: it had lost other ticks than the old one, and had another mesh.
+#[test]
+fn of_a_tissue_that_has_the_role_nothing_is_compared_while_the_meshes_are_not_the_same() {
+    let mut pairs = Pairs { has_models: true, ..Pairs::default() };
+    let mut after = |turn: u64, meshes: [u32; 2], planes: [u32; 2]| {
+        let seen = after_a_pair(&mut pairs, 16 * turn, [SHADOW_EPOCH, 5], meshes, planes);
+        (seen.compared, seen.outside, seen.apart)
+    };
+    for turn in 1..=3 {
+        assert_eq!(after(turn, [1, 1], [1, 1]), (turn, 0, 0));
+    }
+    for turn in 4..=60 {
+        assert_eq!(after(turn, [1, 2], [1, 0]), (3, 0, turn as u32 - 3));
+    }
+    assert_eq!(after(61, [2, 2], [1, 1]), (4, 0, 0), "they have met again");
+    assert_eq!(after(62, [2, 2], [1, 0]), (5, 1, 0), "and what differs is seen");
+}
+
+#[test]
+fn in_the_shadow_one_mesh_that_is_another_tells_nothing_and_one_after_the_other_tells_all() {
+    let seen_of = |is_alike: fn(u64) -> bool| {
+        let mut pairs = Pairs { has_models: true, ..Pairs::default() };
+        let pair =
+            |turn: u64| after_a_pair(&mut pairs, 16 * turn, [4, SHADOW_EPOCH], [1, if is_alike(turn) { 1 } else { 2 }], [1, 1]);
+        (1..=60).map(pair).last().unwrap()
+    };
+    let now_and_then = seen_of(|turn| turn % 2 == 0);
+    assert!(now_and_then.outside == 0 && now_and_then.compared >= 30 && now_and_then.apart == 0, "{now_and_then:?}");
+    let never = seen_of(|_| false);
+    assert!(never.outside >= 3 && never.text.starts_with("the mesh that it makes"), "{never:?}");
+}
