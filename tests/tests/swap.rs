@@ -1,6 +1,11 @@
-//! Engines that are swapped while the scripted hand presses on the tissue: every role for a build of its own, an engine of a stranger's making, bad
-//! ones of many kinds that are rolled back, and a supervisor that dies in the middle. What a swap costs the hand is
-//! judged at the simulated hardware, against control windows of the same run.
+//! Engines that are swapped while the scripted hand presses on the tissue, or cuts it: every role for a build of its own, an engine of a stranger's making,
+//! bad ones of many kinds that are rolled back, and a supervisor that dies in the middle. What a swap costs the hand is judged at the simulated hardware,
+//! against control windows of the same run.
+
+#[path = "swap/bad.rs"]
+mod bad;
+#[path = "swap/cutting.rs"]
+mod cutting;
 
 #[path = "swap/bad.rs"]
 mod bad;

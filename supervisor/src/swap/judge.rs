@@ -165,6 +165,8 @@ impl Pairs {
         let step = u64::from(header.step_ticks);
         let leapt = match (header.incarnation == guest, header.is_shadow()) {
             (is_guest, false) => {
+                // What an elder keeps beside the role begins anew after he has had it.
+                self.line = if is_guest { self.line } else { 0 };
                 let (epoch, tick) = self.role;
                 self.role = (epoch, tick).max((header.epoch, header.tick));
                 is_guest && epoch != 0 && header.epoch > epoch && header.tick > tick.saturating_add(step)

@@ -7,7 +7,7 @@ use crate::grasp;
 use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
-use hyst_engine::StepContext;
+use hyst_engine::{Stateful, StepContext};
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
 use hyst_tissue::StepReport;

@@ -88,6 +88,24 @@ fn a_newcomer_that_leapt_over_ticks_is_compared_again_once_that_is_forgotten() {
     assert_eq!(both(7, far + FORGET_TICKS), 6);
 }
 
+/// The old engine's states of before a pause lay far behind those of after it: for a quarter of a second nothing was compared then.
+#[test]
+fn a_pause_in_which_the_newcomer_has_given_the_role_back_is_no_leap() {
+    let mut pairs = Pairs::default();
+    let compared = |pairs: &mut Pairs, epoch: u32, tick: u64| {
+        pairs.take(Kind::FluidState, &state(SHADOW_EPOCH, 6, tick, 9_000.0), 17);
+        pairs.take(Kind::FluidState, &state(epoch, 17, tick, 9_000.0), 17);
+        pairs.seen.compared
+    };
+    pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+    assert_eq!(compared(&mut pairs, 5, 66), 1);
+    let last = 33 * (3 * LOST);
+    for tick in (99..=last).step_by(33) {
+        pairs.take(Kind::FluidState, &state(6, 6, tick, 9_000.0), 17);
+    }
+    assert_eq!(compared(&mut pairs, 7, last + 33), 2);
+}
+
 /// It was waited for for a minute, and then it was said that it could not be compared in time.
 #[test]
 fn a_newcomer_whose_steps_never_meet_the_old_engines_is_told_so_and_one_whose_steps_do_is_compared() {
@@ -169,10 +187,12 @@ fn of_a_tissue_that_has_the_role_nothing_is_compared_while_the_meshes_are_not_th
 #[test]
 fn in_the_shadow_one_mesh_that_is_another_tells_nothing_and_one_after_the_other_tells_all() {
     let seen_of = |is_alike: fn(u64) -> bool| {
-        let mut pairs = Pairs { has_models: true, ..Pairs::default() };
-        let pair =
-            |turn: u64| after_a_pair(&mut pairs, 16 * turn, [4, SHADOW_EPOCH], [1, if is_alike(turn) { 1 } else { 2 }], [1, 1]);
-        (1..=60).map(pair).last().unwrap()
+        let (mut pairs, mut seen) = (Pairs { has_models: true, ..Pairs::default() }, Seen::default());
+        for turn in 1..=60 {
+            let own = if is_alike(turn) { 1 } else { 2 };
+            seen = after_a_pair(&mut pairs, 16 * turn, [4, SHADOW_EPOCH], [1, own], [1, 1]);
+        }
+        seen
     };
     let now_and_then = seen_of(|turn| turn % 2 == 0);
     assert!(now_and_then.outside == 0 && now_and_then.compared >= 30 && now_and_then.apart == 0, "{now_and_then:?}");
