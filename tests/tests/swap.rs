@@ -7,9 +7,6 @@ mod bad;
 #[path = "swap/cutting.rs"]
 mod cutting;
 
-#[path = "swap/bad.rs"]
-mod bad;
-
 use hyst_exchange::{Roster, system};
 use hyst_messages::page::{Stage, header};
 use hyst_messages::{Role, Slot};
