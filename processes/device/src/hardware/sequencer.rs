@@ -7,21 +7,19 @@
 //! In a replay the recording says at which ticks the tissue stepped and the device made a tick.
 //!
 //! A member is missing when it is known to be dead or gave no sign of life for 30 s; a newcomer is a member from the first release after it
-//! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder is too far behind.
+//! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder, or who draws into a folder, is too
+//! far behind.
 
+use super::awaited::Awaited;
 use hyst_engine::lane::Lane;
 use hyst_engine::settings::Replay;
 use hyst_engine::{Failure, Life, lockstep};
 use hyst_exchange::meeting::{Group, ProcessCoordinator};
 use hyst_exchange::{OwnedPage, ReadPage, Roster, system};
-use hyst_messages::page::{recorder, station};
+use hyst_messages::page::station;
 use hyst_messages::{Role, Slot, StepRecord, TICK_NS};
 use std::sync::Arc;
 
-/// Ticks that the recorder may be behind: half of what the device's ring keeps.
-const RECORDER_LAG_TICKS: u64 = 2_000;
-/// For how long a recorder that writes nothing is waited for, ns: its disk may be full to the end.
-const RECORDER_PATIENCE_NS: u64 = 10_000_000_000;
 /// Longest wait for a group, ns: a member that beats all the time and still does not end its step.
 const LONGEST_NS: u64 = 60_000_000_000;
 
@@ -35,9 +33,7 @@ pub struct Sequencer<'a> {
     station: OwnedPage,
     roster: Roster,
     coordinator: ProcessCoordinator,
-    recorder: Option<ReadPage>,
-    /// Newest tick on disk, and when it was seen to move.
-    recorded: (u64, u64),
+    awaited: Vec<Awaited>,
     tick: u64,
     tissue_period: u64,
     fluid_period: u64,
@@ -63,8 +59,7 @@ impl<'a> Sequencer<'a> {
             station,
             roster: Roster::open(&life.station)?,
             coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),
-            recorder: None,
-            recorded: (0, 0),
+            awaited: Awaited::of(life),
             tick,
             tissue_period,
             fluid_period: scene.fluid.period_ticks(),
@@ -77,7 +72,7 @@ impl<'a> Sequencer<'a> {
     pub fn begin(&mut self) -> Option<u64> {
         while !self.life.clock.stop_requested() {
             self.life.heartbeat();
-            if self.tick < self.station.load64(station::RUN_TO) && !self.recorder_is_behind() {
+            if self.tick < self.station.load64(station::RUN_TO) && !self.is_ahead() {
                 self.tick += 1;
                 self.keep_pace();
                 self.station.store64(station::BEGUN_TICK, self.tick);
@@ -86,6 +81,12 @@ impl<'a> Sequencer<'a> {
             system::sleep_ns(lockstep::LOOK_NS);
         }
         None
+    }
+
+    /// Whether somebody who is waited for is too far behind.
+    fn is_ahead(&mut self) -> bool {
+        let (life, tick) = (self.life, self.tick);
+        self.awaited.iter_mut().any(|it| it.is_behind(life, tick))
     }
 
     /// In a replay that is to be as fast as it was, or so many times as fast: waits until it is time for the tick. One that is slower begins anew to
@@ -177,24 +178,5 @@ impl<'a> Sequencer<'a> {
                 }
             }
         }
-    }
-
-    /// Whether to wait for the recorder: not if it has stood still for as long as a member may be silent.
-    fn recorder_is_behind(&mut self) -> bool {
-        if self.life.settings.record.is_none() || self.tick < self.recorded.0 + RECORDER_LAG_TICKS {
-            return false;
-        }
-        let slot = Slot::first(Role::Recorder);
-        let incarnation = self.life.clock.incarnation(slot);
-        if self.recorder.as_ref().is_none_or(|page| page.incarnation() != incarnation) {
-            self.recorder = self.life.station.read_slot(slot, incarnation).ok();
-        }
-        let now_ns = system::now_ns();
-        let on_disk =
-            self.recorder.as_ref().and_then(|page| page.cell(recorder::STATUS)).map_or(0, |(_, status)| status.last_tick);
-        if on_disk > self.recorded.0 || self.recorded.1 == 0 {
-            self.recorded = (on_disk.max(self.recorded.0), now_ns);
-        }
-        self.tick >= self.recorded.0 + RECORDER_LAG_TICKS && now_ns - self.recorded.1 < RECORDER_PATIENCE_NS
     }
 }
