@@ -221,7 +221,11 @@ fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
     station.run_ticks(6_000); // the second generation has been written
     let pids = tissue_pids(&station);
     let before_tick = station.status()["tick"].as_u64().expect("a tick");
-    // So that nobody writes a new one meanwhile; who hangs is replaced in a fifth of a second, and its successor is not to come before the damage.
+    // So that nobody writes a new one meanwhile, and nobody replaces who hangs, which takes 30 ms: its successor came before the damage. A supervisor that
+    // stands still for less than three seconds is not replaced.
+    let keeper: Vec<i32> = station.processes("supervisor").iter().filter_map(|row| Some(row["pid"].as_i64()? as i32)).collect();
+    assert_eq!(keeper.len(), 1, "{}", station.status());
+    signal_all(&station, &keeper, Signal::STOP);
     signal_all(&station, &pids, Signal::STOP);
     for index in 0..2 {
         let path = hyst_exchange::checkpoint::path(&root(&station), Slot::new(Role::Tissue, index).unwrap());
@@ -235,6 +239,7 @@ fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
         }
     }
     signal_all(&station, &pids, Signal::KILL);
+    signal_all(&station, &keeper, Signal::CONT);
     wait_until(&station, "both are replaced", || {
         tissue_pids(&station).iter().all(|pid| !pids.contains(pid)) && station.is_whole()
     });

@@ -41,6 +41,11 @@ impl Supervisor {
                 self.heed_newcomer(&charge, is_grave, now_ns);
                 continue;
             }
+            // One whose readiness is not seen yet is heard of at the next look: it was ended as one that hangs, for which its swap was undone, and not for what it
+            // says.
+            if self.is_unproven(slot) {
+                continue;
+            }
             // Nobody knows yet what one is worth that a swap has brought: one that refuses all that it reads would have the old ones replaced. What it
             // refuses it does not use; who stands beside it reads the same, and a device, beside whom nobody does, follows the other servo meanwhile.
             if self.is_unproven(charge.by) {
