@@ -18,6 +18,8 @@ const BEFORE_TICKS: u64 = 15_000;
 const KEPT_TICKS: u64 = 400;
 /// On a busy machine the newest checkpoint may still be one from before the flaw; then the trouble is made again.
 const TRIES: usize = 6;
+/// One byte in so many of a checkpoint is damaged.
+const ONE_IN: u64 = 4_096;
 /// Force that is felt, N.
 const FELT_N: f64 = 0.2;
 /// Force below which nothing is felt, N.
@@ -214,7 +216,7 @@ fn an_input_that_kills_every_flow_engine_leaves_the_hand_alone_and_has_the_tissu
     ended.assert_recorded();
 }
 
-/// One bit in each copy of the newest state of both slots is turned over, then both die: the successor finds it out and takes an older one.
+/// Bits in each copy of the newest state of both slots are turned over, then both die: the successor finds it out and takes an older one.
 #[test]
 fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
     let station = Station::start("flipped", &["--hand", "script:press"]);
@@ -231,8 +233,9 @@ fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
         let path = hyst_exchange::checkpoint::path(&root(&station), Slot::new(Role::Tissue, index).unwrap());
         let file = std::fs::File::options().read(true).write(true).open(&path).unwrap();
         let bytes = file.metadata().unwrap().len();
-        // Six copies, three generations of two: a quarter into the first and the second, whose rest is room for what may still be cut.
-        for at in [bytes / 24, 5 * bytes / 24] {
+        // Six copies, three generations of two: in both of the newest a byte in each page, after the two of the file's header. Single bytes
+        // a quarter into a copy lay beyond the message once there was more room for what may still be cut.
+        for at in (2 * ONE_IN..bytes / 3).step_by(ONE_IN as usize).map(|page| page + ONE_IN / 8) {
             let mut byte = [0];
             file.read_exact_at(&mut byte, at).unwrap();
             file.write_all_at(&[byte[0] ^ 0x10], at).unwrap();
