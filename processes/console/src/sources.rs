@@ -4,11 +4,11 @@
 use crate::look::{Pictures, Tissue};
 use crate::picture::Picture;
 use crate::pump::Pump;
-use hyst_engine::{Failure, Helper, Helpers, Life};
+use hyst_engine::{Failure, Helper, Helpers, Life, said_of_pump};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Horizon, Links, ReadPage, Roster, StationPage, Subscriber, system};
-use hyst_messages::page::{device, fluid, hardware, header, rendering, tissue};
-use hyst_messages::{AppliedRecord, FluidStatus, Kind, MAX_FLUID_STEP_TICKS, Role, Shown, TissueStatus};
+use hyst_messages::page::{device, hardware, header, rendering, tissue};
+use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, Shown, TissueStatus};
 
 /// Fluids, and tissues: holder, spare and a newcomer on trial.
 const FLUIDS: usize = Role::Fluid.slots().1;
@@ -95,7 +95,7 @@ impl Sources {
 
     /// What the newest of the fluids says, as far as it can be.
     pub fn fluid(&self) -> Option<FluidStatus> {
-        newest(&self.fluids, |key| self.horizon.is_passed_by(key, MAX_FLUID_STEP_TICKS, &self.clock))
+        said_of_pump(&self.fluids, &self.horizon, &self.clock)
     }
 
     /// What the tissue says that holds the role.
@@ -155,56 +155,5 @@ impl Sources {
             life.page.add64(header::INVALID, 1);
         }
         picture
-    }
-}
-
-/// What the newest of the fluids says; one of which a figure cannot be, or that is ahead of its time, says nothing.
-fn newest(fluids: &[Option<ReadPage>], is_ahead: impl Fn((u32, u64)) -> bool) -> Option<FluidStatus> {
-    let said = fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-    FluidStatus::newest_of(said, is_ahead)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_exchange::Station;
-    use hyst_messages::page::station as layout;
-    use hyst_messages::{PUMP_ALARMS, Slot};
-
-    /// The page showed figures and alarms of a fluid that was a hundred seconds ahead as if they were measured, and not those of the good one.
-    #[test]
-    fn a_pump_that_is_no_number_out_of_range_or_ahead_of_its_time_is_not_shown_and_hides_no_good_one() {
-        let station = Station::named(&format!("t{}-sources", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        station.open_for_keeping().unwrap().store64(layout::NEXT_INCARNATION, 9);
-        let lives = [(Slot::new(Role::Fluid, 0).unwrap(), 3), (Slot::new(Role::Fluid, 1).unwrap(), 4)];
-        let pages = lives.map(|(slot, life)| station.create_slot(slot, life).unwrap());
-        let fluids = lives.map(|(slot, life)| station.read_slot(slot, life).ok());
-        let roster = Roster::open(&station).unwrap();
-        let epoch = roster.promote(Role::Fluid, roster.holder(Role::Fluid), 3).unwrap().epoch;
-        let (horizon, clock) = (Horizon::open(&station, Role::Fluid).unwrap(), station.open().unwrap());
-        let said = |fluids: &[Option<ReadPage>]| {
-            let status = newest(fluids, |key| horizon.is_passed_by(key, MAX_FLUID_STEP_TICKS, &clock));
-            status.map(|status| (status.state_tick, status.alarms))
-        };
-        let good = FluidStatus { epoch, state_tick: 33, pressure_pa: 9_000.0, deficit_ml: 3.0, ..FluidStatus::default() };
-        let next = FluidStatus { state_tick: 66, alarms: PUMP_ALARMS[3].0, ..good };
-        pages[0].write(fluid::STATUS, &good);
-        assert_eq!(said(&fluids), Some((33, 0)), "the other one has said nothing yet");
-        for lie in [
-            FluidStatus { pressure_pa: f32::NAN, ..next },
-            FluidStatus { deficit_ml: f64::NAN, ..next },
-            FluidStatus { pressure_pa: 1e9, ..next },
-            FluidStatus { deficit_ml: 1e9, ..next },
-            FluidStatus { epoch: epoch + 1_000, state_tick: 100_066, ..next },
-            FluidStatus { state_tick: 100_066, ..next },
-        ] {
-            pages[1].write(fluid::STATUS, &lie);
-            assert_eq!((said(&fluids), said(&fluids[1..])), (Some((33, 0)), None), "{lie:?}");
-        }
-        pages[1].write(fluid::STATUS, &next);
-        assert_eq!(said(&fluids), Some((66, PUMP_ALARMS[3].0)));
-        station.wipe();
     }
 }

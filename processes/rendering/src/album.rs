@@ -50,10 +50,9 @@ fn next_due(due_tick: u64, tick: u64, every_ticks: u64) -> u64 {
 impl Album {
     /// The album that the settings ask for.
     pub fn open(life: &Life) -> Result<Album, SetError> {
-        let every_s = life.settings.number("picture_every_s", 1.0, 0.02..=3600.0, "0.02 to 3600")?;
+        let every_ticks = life.settings.picture_every_ticks()?;
         let is_film = life.settings.word("picture_format", ["png", "mjpeg"], "png or mjpeg")? == "mjpeg";
         let patience = if life.is_lockstep() { PATIENCE } else { Duration::ZERO };
-        let every_ticks = (every_s * 1e3) as u64;
         let mut album = Album { writer: None, every_ticks, due_tick: 0, patience, left_out: 0, said: false };
         let Some(folder) = &life.settings.pictures else { return Ok(album) };
         let next = || {

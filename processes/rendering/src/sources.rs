@@ -4,11 +4,11 @@
 //! the fluid's state until the next one, and a state of the tissue for one frame more whose topology is under way.
 
 use crate::looks::Looks;
-use hyst_engine::{Failure, Helper, Helpers, Life};
+use hyst_engine::{Failure, Helper, Helpers, Life, said_of_pump};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
+use hyst_messages::page::{console, device, hardware, recorder, tissue};
 use hyst_messages::{
     FluidStatus, HardwareSample, InputRecord, Kind, MAX_FLUID_STEP_TICKS, Message, Role, StreamHeader, TissueStatus,
     topology_is_sound,
@@ -192,56 +192,6 @@ impl Sources {
 
     /// What the newest of the fluids says of the pump, as far as it can be.
     pub fn pump(&self) -> Option<FluidStatus> {
-        pump(&self.fluids, self.ahead_of(1))
-    }
-}
-
-/// What the newest of the fluids says of the pump; one of which a figure cannot be, or that is ahead of its time, says nothing.
-fn pump(fluids: &[Option<ReadPage>], is_ahead: impl Fn((u32, u64)) -> bool) -> Option<FluidStatus> {
-    let said = fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-    FluidStatus::newest_of(said, is_ahead)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_exchange::{Roster, Station};
-    use hyst_messages::Slot;
-    use hyst_messages::page::station as layout;
-
-    /// The window showed a pressure of `NaN` mmHg, one of 39 digits, and in place of the good figures those of a fluid that was a hundred seconds ahead.
-    #[test]
-    fn a_pump_that_is_no_number_out_of_range_or_ahead_of_its_time_is_not_shown_and_hides_no_good_one() {
-        let station = Station::named(&format!("t{}-sources", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        station.open_for_keeping().unwrap().store64(layout::NEXT_INCARNATION, 9);
-        let lives = [(Slot::new(Role::Fluid, 0).unwrap(), 3), (Slot::new(Role::Fluid, 1).unwrap(), 4)];
-        let pages = lives.map(|(slot, life)| station.create_slot(slot, life).unwrap());
-        let fluids = lives.map(|(slot, life)| station.read_slot(slot, life).ok());
-        let roster = Roster::open(&station).unwrap();
-        let epoch = roster.promote(Role::Fluid, roster.holder(Role::Fluid), 3).unwrap().epoch;
-        let (horizon, clock) = (Horizon::open(&station, Role::Fluid).unwrap(), station.open().unwrap());
-        let newest = |fluids: &[Option<ReadPage>]| {
-            pump(fluids, |key| horizon.is_passed_by(key, MAX_FLUID_STEP_TICKS, &clock)).map(|status| status.state_tick)
-        };
-        let good = FluidStatus { epoch, state_tick: 33, pressure_pa: 9_000.0, deficit_ml: 3.0, ..FluidStatus::default() };
-        let next = FluidStatus { state_tick: 66, ..good };
-        pages[0].write(fluid::STATUS, &good);
-        assert_eq!(newest(&fluids), Some(33), "the other one has said nothing yet");
-        for lie in [
-            FluidStatus { pressure_pa: f32::NAN, ..next },
-            FluidStatus { deficit_ml: f64::NAN, ..next },
-            FluidStatus { pressure_pa: 1e9, ..next },
-            FluidStatus { deficit_ml: 1e9, ..next },
-            FluidStatus { epoch: epoch + 1_000, state_tick: 100_066, ..next },
-            FluidStatus { state_tick: 100_066, ..next },
-        ] {
-            pages[1].write(fluid::STATUS, &lie);
-            assert_eq!((newest(&fluids), newest(&fluids[1..])), (Some(33), None), "{lie:?}");
-        }
-        pages[1].write(fluid::STATUS, &next);
-        assert_eq!(newest(&fluids), Some(66));
-        station.wipe();
+        said_of_pump(&self.fluids, &self.horizons[1], &self.clock)
     }
 }

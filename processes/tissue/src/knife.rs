@@ -11,7 +11,7 @@ use crate::body::{Body, Piece, Room};
 use crate::world::{Case, World};
 use glam::{Quat, Vec3};
 use hyst_messages::stream::ObjectRecord;
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, Pose};
+use hyst_messages::{Controls, Pose};
 use hyst_scene::LoadedLoop;
 use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, cut};
 
@@ -23,9 +23,8 @@ const LEAST_EXTENSION_M: f32 = 1e-3;
 
 /// How far the loop is out, m, and whether it cuts; `None` in its sheath.
 fn out_m(electrode: &LoadedLoop, controls: &Controls) -> Option<(f32, bool)> {
-    const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
     let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);
-    (out_m >= LEAST_EXTENSION_M).then_some((out_m, controls.buttons & CUTS == CUTS))
+    (out_m >= LEAST_EXTENSION_M).then_some((out_m, controls.cuts()))
 }
 
 /// Where the wire is, m, if it cuts.

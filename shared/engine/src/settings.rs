@@ -138,6 +138,16 @@ impl Settings {
         let number = value.parse::<f64>().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })
     }
+
+    /// Ticks between two pictures that go into a folder.
+    ///
+    /// # Errors
+    /// The setting is no such time.
+    pub fn picture_every_ticks(&self) -> Result<u64, SetError> {
+        let every_s = self.number("picture_every_s", 1.0, 0.02..=3600.0, "0.02 to 3600")?;
+        Ok((every_s * 1e3) as u64)
+    }
+
     /// Who trains, if that was said.
     pub fn trainee(&self) -> Result<Option<&str>, SetError> {
         let Some(value) = self.set.get("trainee") else { return Ok(None) };

@@ -111,6 +111,12 @@ impl Controls {
         self.buttons & BUTTONS_CURRENT != 0
     }
 
+    /// Whether the loop cuts, as far as the hand goes: it is to be out, and there is the current that cuts.
+    pub fn cuts(&self) -> bool {
+        const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+        self.buttons & CUTS == CUTS
+    }
+
     /// Whether the loop coagulates, if it is out: of both pedals at once the one that cuts wins (assumed; of generators some give no current at all
     /// then, as Eschmann's TD 830, operator's manual, 5.57).
     pub fn coagulates(&self) -> bool {
@@ -246,6 +252,15 @@ mod tests {
         assert_eq!((of(BUTTON_EXTENDED), of(BUTTON_ENERGIZED)), ((false, false), (true, false)));
         assert_eq!(of(BUTTON_COAGULATING | BUTTON_EXTENDED), (true, true));
         assert_eq!(of(BUTTONS_CURRENT), (true, false));
+    }
+
+    #[test]
+    fn a_loop_cuts_that_is_to_be_out_under_its_current_and_in_no_other_case() {
+        let cuts = |buttons: u32| Controls { buttons, ..Controls::default() }.cuts();
+        assert!(cuts(BUTTON_EXTENDED | BUTTON_ENERGIZED) && cuts(BUTTON_EXTENDED | BUTTONS_CURRENT));
+        for buttons in [0, BUTTON_EXTENDED, BUTTON_ENERGIZED, BUTTON_EXTENDED | BUTTON_COAGULATING] {
+            assert!(!cuts(buttons), "{buttons}");
+        }
     }
 
     #[test]

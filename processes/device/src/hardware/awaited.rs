@@ -31,9 +31,9 @@ impl Awaited {
     /// long it takes to draw.
     pub fn of(life: &Life) -> Vec<Awaited> {
         let settings = &life.settings;
-        let every_s = settings.number("picture_every_s", 1.0, 0.02..=3600.0, "0.02 to 3600").unwrap_or(1.0); // who draws refuses it
+        let every_ticks = settings.picture_every_ticks().unwrap_or(1_000); // who draws refuses what is none
         let recorder = settings.record.as_ref().map(|_| (Role::Recorder, RECORDER_LAG_TICKS));
-        let rendering = settings.pictures.as_ref().map(|_| (Role::Rendering, (every_s * 1e3) as u64));
+        let rendering = settings.pictures.as_ref().map(|_| (Role::Rendering, every_ticks));
         let awaited = |(role, lag_ticks)| Awaited { role, lag_ticks, page: None, reached: Reached::default() };
         recorder.into_iter().chain(rendering).map(awaited).collect()
     }

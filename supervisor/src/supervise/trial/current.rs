@@ -5,12 +5,10 @@ use super::Trial;
 use crate::policy::{self, Event};
 use crate::supervise::Supervisor;
 use hyst_messages::page::{Stage, device};
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Role, Slot};
+use hyst_messages::{Role, Slot};
 
 /// A pause in the cutting, ns, after which a tissue is promoted: a hand that only lets go of the pedal between two furrows goes on sooner.
 const CALM_NS: u64 = 300_000_000;
-/// With these pressed a loop cuts.
-const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
 
 impl Trial {
     /// Whether nothing is being cut, and has not been for a while.
@@ -26,7 +24,7 @@ impl Supervisor {
             return;
         }
         let input = self.viewer.slot_page(Slot::first(Role::Device)).and_then(|page| page.cell(device::INPUT));
-        let has_current = input.is_some_and(|(_, input)| input.sample.controls.buttons & CUTS == CUTS);
+        let has_current = input.is_some_and(|(_, input)| input.sample.controls.cuts());
         let Some(trial) = self.trial.as_mut().filter(|_| has_current) else { return };
         trial.current_ns = now_ns;
         let incarnation = trial.record.incarnation;
