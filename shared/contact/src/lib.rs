@@ -18,6 +18,7 @@
 mod brute;
 mod cull;
 mod error;
+mod graph;
 mod hash;
 mod hash_read;
 mod intersect;
@@ -38,6 +39,7 @@ mod walk;
 pub use brute::intersect_brute;
 pub use cull::Cull;
 pub use error::ContactError;
+pub use graph::PointGraph;
 pub use hash::{HashMut, HashSizes, LANES, Layout};
 pub use hash_read::HashRef;
 pub use intersect::{intersect, merge};
@@ -49,7 +51,7 @@ pub use response::{ContactForce, Motion, ResponseOutput, ResponseParams, Rigid, 
 pub use shallow::own_face;
 pub use sweep::{Crossing, Sense, SweepInput, first_crossing, sweep, triangles_in_box};
 pub use tet::TetTest;
-pub use topology::{NONE, PointGraph, Topology};
+pub use topology::{NONE, Topology, TopologyMaker};
 pub use types::{Found, Hit, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
 pub use walk::Exit;

@@ -17,8 +17,8 @@ use crate::walk::exit_along;
 use crate::{ContactError, Exit};
 use glam::Vec3;
 
-/// Buffers of the step, sized once.
-#[derive(Debug, Clone)]
+/// Buffers of the step, sized for a mesh.
+#[derive(Debug, Clone, Default)]
 pub struct Workspace {
     first_hit: Vec<u32>,
     normals: Normals,
@@ -39,13 +39,20 @@ struct Way {
 impl Workspace {
     /// For a bounded number of points, hits and nodes.
     pub fn new(points: usize, hits: usize, nodes: usize) -> Workspace {
-        Workspace {
-            first_hit: vec![NONE; points],
-            normals: Normals::new(nodes),
-            found: vec![Way::default(); hits],
-            wave: vec![NONE; hits],
-            front: Vec::with_capacity(hits),
-            next: Vec::with_capacity(hits),
+        let mut work = Workspace::default();
+        work.fit(points, hits, nodes);
+        work
+    }
+
+    /// For other numbers of them, with what memory there is. A step reads nothing that it has not written.
+    pub fn fit(&mut self, points: usize, hits: usize, nodes: usize) {
+        self.first_hit.resize(points, NONE);
+        self.normals.fit(nodes);
+        self.found.resize(hits, Way::default());
+        self.wave.resize(hits, NONE);
+        for ring in [&mut self.front, &mut self.next] {
+            ring.clear();
+            ring.reserve(hits);
         }
     }
 }

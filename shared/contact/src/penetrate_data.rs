@@ -1,6 +1,7 @@
 //! What the penetration step reads and writes.
 
-use crate::topology::{PointGraph, Topology};
+use crate::graph::PointGraph;
+use crate::topology::Topology;
 use crate::types::{Hit, Points, Tissue};
 use bytemuck::{Pod, Zeroable};
 

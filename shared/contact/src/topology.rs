@@ -1,9 +1,12 @@
-//! What does not change while nothing is cut: which tet lies behind which face, which faces bound the tissue, which points of
-//! an object are joined by an edge. Made when a mesh is loaded or cut; this is the model, positions are the state.
+//! What does not change while nothing is cut: which tet lies behind which face, and which faces bound the tissue. Made when a mesh is loaded or cut; this is
+//! the model, positions are the state.
+
+mod maker;
 
 use crate::ContactError;
-use crate::error::same_length;
 use glam::Vec3;
+
+pub use maker::TopologyMaker;
 
 /// No index: no neighbour, no node.
 pub const NONE: u32 = u32::MAX;
@@ -58,15 +61,15 @@ impl About {
 }
 
 /// Outward normals of the boundary nodes at some positions, each found when it is asked for first: a contact asks for those about it, a small part of all.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Normals {
     known: Vec<Option<Vec3>>,
 }
 
 impl Normals {
-    /// For so many nodes.
-    pub fn new(nodes: usize) -> Normals {
-        Normals { known: vec![None; nodes] }
+    /// Makes room for those of so many nodes.
+    pub fn fit(&mut self, nodes: usize) {
+        self.known.resize(nodes, None);
     }
 
     pub fn nodes(&self) -> usize {
@@ -93,18 +96,26 @@ impl Topology {
     /// # Errors
     /// [`ContactError::Length`] if there is not one owner for each tet.
     pub fn new(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Result<Topology, ContactError> {
-        same_length("owners of tets", tets.len(), tet_owner.len())?;
-        let neighbours = neighbours(tets, tet_owner, rest_m.len());
-        let (mut boundary, mut boundary_owner, mut boundary_tet) = (Vec::new(), Vec::new(), Vec::new());
-        for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, rest_m.len())) {
-            for face in (0..4).filter(|&face| neighbours[t][face] == NONE) {
+        TopologyMaker::default().make(tets, tet_owner, rest_m)
+    }
+
+    /// Of what lies behind each face of a mesh.
+    fn of(neighbours: Vec<[u32; 4]>, tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Topology {
+        let open = neighbours.as_flattened().iter().filter(|behind| **behind == NONE).count();
+        let mut boundary = Vec::with_capacity(open);
+        let (mut boundary_owner, mut boundary_tet) = (Vec::with_capacity(open), Vec::with_capacity(open));
+        for (t, (tet, behind)) in tets.iter().zip(&neighbours).enumerate() {
+            if !behind.contains(&NONE) || !exists(tet, rest_m.len()) {
+                continue;
+            }
+            for face in (0..4).filter(|&face| behind[face] == NONE) {
                 boundary.push(outward(tet, face, rest_m));
                 boundary_owner.push(tet_owner[t]);
                 boundary_tet.push(t as u32);
             }
         }
         let about = About::of(&boundary, rest_m.len());
-        Ok(Topology { neighbours, boundary, boundary_owner, boundary_tet, about, nodes: rest_m.len() })
+        Topology { neighbours, boundary, boundary_owner, boundary_tet, about, nodes: rest_m.len() }
     }
 
     /// Number of nodes of the mesh.
@@ -131,145 +142,12 @@ fn exists(tet: &[u32; 4], nodes: usize) -> bool {
     tet.iter().all(|&node| (node as usize) < nodes)
 }
 
-/// A tet's nodes in ascending order, each with its corner in the lowest two bits.
-fn ascending(tet: &[u32; 4]) -> [u64; 4] {
-    let mut nodes = [0, 1, 2, 3].map(|corner| u64::from(tet[corner]) << 2 | corner as u64);
-    for (i, j) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
-        (nodes[i], nodes[j]) = (nodes[i].min(nodes[j]), nodes[i].max(nodes[j]));
-    }
-    nodes
-}
-
-/// A face of a tet.
-struct Face {
-    /// Ascending, and the owner of the tet.
-    nodes_and_owner: [u32; 4],
-    tet: u32,
-    /// The corner that it lies opposite to.
-    corner: u32,
-}
-
-/// Faces by a hash of their nodes. They are asked for in the order of the tets, so that the hash decides about nothing but time.
-struct Faces {
-    /// Places in `known`, or [`NONE`]; a third of them is free at least.
-    slots: Vec<u32>,
-    known: Vec<Face>,
-}
-
-impl Faces {
-    /// With room for those of so many tets.
-    fn new(tets: usize) -> Faces {
-        Faces { slots: vec![NONE; (6 * tets).next_power_of_two().max(2)], known: Vec::with_capacity(4 * tets) }
-    }
-
-    /// The face with the same nodes and owner that came first; `None` if it is this one.
-    fn first(&mut self, face: Face) -> Option<&Face> {
-        let [a, b, c, _] = face.nodes_and_owner.map(u64::from);
-        let mixed = (a.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ b).wrapping_mul(0xD1B5_4A32_D192_ED03) ^ c;
-        let mut slot = (mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - self.slots.len().trailing_zeros())) as usize;
-        // There are fewer faces than slots.
-        while self.slots[slot] != NONE {
-            let place = self.slots[slot] as usize;
-            if self.known[place].nodes_and_owner == face.nodes_and_owner {
-                return Some(&self.known[place]);
-            }
-            slot = (slot + 1) % self.slots.len();
-        }
-        self.slots[slot] = self.known.len() as u32;
-        self.known.push(face);
-        None
-    }
-}
-
-/// The tet behind each face.
-fn neighbours(tets: &[[u32; 4]], tet_owner: &[u32], nodes: usize) -> Vec<[u32; 4]> {
-    let mut neighbours = vec![[NONE; 4]; tets.len()];
-    let mut faces = Faces::new(tets.len());
-    for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, nodes)) {
-        let sorted = ascending(tet);
-        for (opposite, [a, b, c]) in [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]].into_iter().enumerate() {
-            let [a, b, c] = [a, b, c].map(|other: usize| (sorted[other] >> 2) as u32);
-            let corner = (sorted[opposite] & 3) as u32;
-            let face = Face { nodes_and_owner: [a, b, c, tet_owner[t]], tet: t as u32, corner };
-            if let Some(first) = faces.first(face) {
-                let behind = &mut neighbours[first.tet as usize][first.corner as usize];
-                if *behind == NONE {
-                    *behind = t as u32;
-                    neighbours[t][corner as usize] = first.tet;
-                }
-            }
-        }
-    }
-    neighbours
-}
-
 /// A face's nodes, turned so that they are outward in the rest shape.
 fn outward(tet: &[u32; 4], face: usize, rest_m: &[[f32; 3]]) -> [u32; 3] {
     let [a, b, c] = FACES[face].map(|i| tet[i]);
     let at = |n: u32| Vec3::from_array(rest_m[n as usize]);
     let inside = (at(b) - at(a)).cross(at(c) - at(a)).dot(at(tet[face]) - at(a)) > 0.0;
     if inside { [a, c, b] } else { [a, b, c] }
-}
-
-/// Which points of an object are joined by an edge: how depth travels inward from the border of a contact.
-#[derive(Debug, Clone, Default)]
-pub struct PointGraph {
-    starts: Vec<u32>,
-    joined: Vec<u32>,
-}
-
-impl PointGraph {
-    /// From a list of edges, in any order and direction; edges to points that do not exist, loops and repeats are left out.
-    pub fn from_edges(points: usize, edges: &[[u32; 2]]) -> PointGraph {
-        let real = |e: &&[u32; 2]| e[0] != e[1] && e.iter().all(|&p| (p as usize) < points);
-        let both = || edges.iter().filter(real).flat_map(|&[a, b]| [(a, b), (b, a)]);
-        let mut ends = vec![0u32; points + 1];
-        both().for_each(|(a, _)| ends[a as usize + 1] += 1);
-        (0..points).for_each(|p| ends[p + 1] += ends[p]);
-        let mut all = vec![0u32; ends[points] as usize];
-        let mut next = ends.clone();
-        for (a, b) in both() {
-            all[next[a as usize] as usize] = b;
-            next[a as usize] += 1;
-        }
-        // Each point has a few, most of them twice.
-        let (mut starts, mut joined) = (Vec::with_capacity(points + 1), Vec::with_capacity(all.len() / 2));
-        for ends in ends.windows(2) {
-            starts.push(joined.len() as u32);
-            let of_point = &mut all[ends[0] as usize..ends[1] as usize];
-            of_point.sort_unstable();
-            joined.extend(of_point.chunk_by(PartialEq::eq).map(|same| same[0]));
-        }
-        starts.push(joined.len() as u32);
-        PointGraph { starts, joined }
-    }
-
-    /// The edges of a set of triangles.
-    pub fn from_triangles(points: usize, triangles: &[[u32; 3]]) -> PointGraph {
-        let edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
-        PointGraph::from_edges(points, &edges)
-    }
-
-    /// This graph and behind its points those of another, with no edge between the two.
-    pub fn followed_by(&self, other: &PointGraph) -> PointGraph {
-        let (first, edges) = (self.points() as u32, self.joined.len() as u32);
-        let mut both = self.clone();
-        both.starts.resize(first as usize + 1, 0); // one without points may have no start either
-        both.starts.extend(other.starts.iter().skip(1).map(|start| start + edges));
-        both.joined.extend(other.joined.iter().map(|point| point + first));
-        both
-    }
-
-    /// Number of points.
-    pub fn points(&self) -> usize {
-        self.starts.len().saturating_sub(1)
-    }
-
-    /// The points joined to one point, ascending.
-    pub fn joined(&self, point: u32) -> &[u32] {
-        let at = |i: usize| self.starts.get(i).map_or(0, |&s| s as usize);
-        self.joined.get(at(point as usize)..at(point as usize + 1)).unwrap_or(&[])
-    }
 }
 
 #[cfg(test)]
@@ -279,20 +157,8 @@ mod tests {
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
 
-    #[test]
-    fn a_graph_behind_another_has_the_edges_of_both_and_none_between() {
-        let (line, triangle) = (PointGraph::from_edges(3, &[[0, 1], [1, 2]]), PointGraph::from_triangles(4, &[[0, 1, 3]]));
-        let both = line.followed_by(&triangle);
-        let expected = PointGraph::from_edges(7, &[[0, 1], [1, 2], [3, 4], [4, 6], [6, 3]]);
-        let joined =
-            |graph: &PointGraph| (0..graph.points() as u32).map(|point| graph.joined(point).to_vec()).collect::<Vec<_>>();
-        assert_eq!(joined(&both), joined(&expected));
-        assert_eq!(joined(&PointGraph::default().followed_by(&line)), joined(&line));
-        assert_eq!(joined(&line.followed_by(&PointGraph::default())), joined(&line));
-    }
-
     /// The definition: of an owner's faces with the same nodes the first two are joined.
-    fn plain(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Topology {
+    pub(super) fn plain(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Topology {
         let mut faces = Vec::new();
         for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, rest_m.len())) {
             for (f, corners) in FACES.iter().enumerate() {
@@ -364,7 +230,8 @@ mod tests {
             if let Some(place) = places.get_mut(nowhere) {
                 place[1] = f32::NAN;
             }
-            let (plain, mut normals) = (plain_normals(&topology, &places, 12), Normals::new(12));
+            let (plain, mut normals) = (plain_normals(&topology, &places, 12), Normals::default());
+            normals.fit(12);
             for node in (0..12).chain([3, 7, 7]) {
                 let normal = normals.of(&topology, &places, node);
                 prop_assert_eq!(normal.to_array().map(f32::to_bits), plain[node as usize].to_array().map(f32::to_bits));

@@ -126,6 +126,26 @@ fn a_body_wholly_inside_leaves_along_its_retreat_else_by_the_shortest_way() {
 }
 
 #[test]
+fn a_workspace_that_was_another_meshs_finds_what_a_new_one_finds() {
+    let (large, small) = (tool_at([0.3 * MM, 0.1 * MM, 3.0 * MM]), capsule([0.0, 0.0, 2.0 * MM], 1.0 * MM, 6.0 * MM, 4, 8));
+    let pokes = || {
+        let (wall, cube) = (wall(), block([4, 4, 4], 2.0 * MM, [-4.0 * MM, -4.0 * MM, 0.0]));
+        [(Poke::new(wall.0, wall.1, &large), &large), (Poke::new(cube.0, cube.1, &small), &small)]
+    };
+    let depths = |(mut poke, tool): (Poke, &Capsule)| (poke.depths(&tool.points_m, [0.0, 0.0, -1.0]), poke.work);
+    let new = pokes().map(|poke| depths(poke).0);
+    assert!(new.iter().all(|found| found.len() > 10));
+    let mut work = Workspace::default();
+    for ((mut poke, tool), new) in pokes().into_iter().chain(pokes()).zip(new.iter().cycle()) {
+        work.fit(tool.points_m.len(), 2 * tool.points_m.len(), poke.positions_m.len());
+        poke.work = work;
+        let (found, used) = depths((poke, tool));
+        assert_eq!(&found, new);
+        work = used;
+    }
+}
+
+#[test]
 fn topology_joins_all_inner_faces_and_bounds_the_block() {
     let (positions_m, tets) = wall();
     let topology = Topology::new(&tets, &vec![0; tets.len()], &positions_m).unwrap();
