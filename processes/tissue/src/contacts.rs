@@ -37,7 +37,7 @@ pub const LAW: ContactLaw = ContactLaw {
     most_n: 5.0,
 };
 
-/// Buffers of the contact part of a step, sized once.
+/// Buffers of the contact part of a step, sized for a world.
 pub struct Contacts {
     /// Of the tool's contacts, per area, N/m³: [`STIFFNESS_N_M3`], or many times that for who asks what the contact itself gives way.
     stiffness_n_m3: f32,
@@ -99,22 +99,42 @@ impl Contacts {
 
     /// The same with contacts of the tool that are so many times as stiff.
     pub fn stiffer(world: &World, stiffer: f32) -> Contacts {
-        let points = world.points.len();
-        let hits = max_hits(world);
-        let contacts = hits + world.points.tool;
-        Contacts {
+        let mut contacts = Contacts {
             stiffness_n_m3: stiffer * STIFFNESS_N_M3,
-            work: Workspace::new(points, hits, world.model.node_count()),
-            memory: vec![Memory::default(); points],
-            found: vec![Penetration::default(); contacts],
-            forces: Vec::with_capacity(contacts),
-            node_force_n: vec![[0.0; 3]; world.model.node_count()],
-            gaps: vec![Gap::FAR; world.points.tool],
-            tool_table: vec![0; HashSizes::for_points(world.points.tool).words()],
-            springs: Vec::with_capacity(contacts),
-            pairs: Vec::with_capacity(hits),
-            through: Through::new(world),
-        }
+            work: Workspace::default(),
+            memory: Vec::new(),
+            found: Vec::new(),
+            forces: Vec::new(),
+            node_force_n: Vec::new(),
+            gaps: Vec::new(),
+            tool_table: Vec::new(),
+            springs: Vec::new(),
+            pairs: Vec::new(),
+            through: Through::default(),
+        };
+        contacts.fit(world);
+        contacts
+    }
+
+    /// Goes on with another world, with what memory there is: a cut adds few points to some thousand. A step reads nothing that it has not written.
+    pub fn fit(&mut self, world: &World) {
+        let (points, nodes, tool) = (world.points.len(), world.model.node_count(), world.points.tool);
+        let hits = max_hits(world);
+        let contacts = hits + tool;
+        self.work.fit(points, hits, nodes);
+        self.memory.resize(points, Memory::default());
+        self.found.resize(contacts, Penetration::default());
+        self.forces.clear();
+        self.forces.reserve(contacts);
+        self.node_force_n.clear();
+        self.node_force_n.resize(nodes, [0.0; 3]);
+        self.gaps.resize(tool, Gap::FAR);
+        self.tool_table.resize(HashSizes::for_points(tool).words(), 0);
+        self.springs.clear();
+        self.springs.reserve(contacts);
+        self.pairs.clear();
+        self.pairs.reserve(hits);
+        self.through.fit(world);
     }
 
     /// Depth and direction of each hit; the springs that the deformation feels. `memory` is that of the tool's points.
@@ -264,4 +284,28 @@ impl Contacts {
 /// Room for hits: each point in at most two objects.
 pub fn max_hits(world: &World) -> usize {
     2 * world.points.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::Workshop;
+    use hyst_tissue::Isa;
+
+    #[test]
+    fn buffers_that_were_another_worlds_have_the_sizes_of_new_ones() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let (mut workshop, whole) = Workshop::open(&scene, Isa::detect()).unwrap();
+        let without_polyp = workshop.make(whole.body.without(1)).unwrap();
+        let sizes = |contacts: &Contacts| {
+            let Contacts { memory, found, node_force_n, gaps, tool_table, .. } = contacts;
+            [memory.len(), found.len(), node_force_n.len(), gaps.len(), tool_table.len()]
+        };
+        let mut contacts = Contacts::new(&whole);
+        for world in [&without_polyp, &whole] {
+            contacts.fit(world);
+            assert_eq!(sizes(&contacts), sizes(&Contacts::new(world)));
+        }
+        assert_ne!(sizes(&contacts), sizes(&Contacts::new(&without_polyp)));
+    }
 }

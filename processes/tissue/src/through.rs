@@ -47,7 +47,8 @@ struct Missed {
     reach_m: f32,
 }
 
-/// Buffers, sized once.
+/// Buffers, sized for a world.
+#[derive(Default)]
 pub struct Through {
     before_m: Vec<[f32; 3]>,
     entered: Vec<Option<Crossing>>,
@@ -60,17 +61,18 @@ pub struct Through {
 }
 
 impl Through {
-    /// Buffers for a world.
-    pub fn new(world: &World) -> Through {
+    /// Makes room for a world.
+    pub fn fit(&mut self, world: &World) {
         let tool = world.points.tool;
-        Through {
-            before_m: vec![[0.0; 3]; tool],
-            entered: vec![None; tool],
-            missed: Vec::with_capacity(tool),
-            near: Vec::with_capacity(world.topology.boundary.len()),
-            held: Vec::with_capacity(tool),
-            tissue_m: 0.0,
-        }
+        self.before_m.resize(tool, [0.0; 3]);
+        self.entered.resize(tool, None);
+        self.missed.clear();
+        self.missed.reserve(tool);
+        self.near.clear();
+        self.near.reserve(world.topology.boundary.len());
+        self.held.clear();
+        self.held.reserve(tool);
+        self.tissue_m = 0.0;
     }
 
     /// Looks which points of the tool lie in no tissue though they did a step before, or are past some; and tells those that a fast step brought into

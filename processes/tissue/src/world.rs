@@ -14,7 +14,7 @@ use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
-use hyst_contact::Topology;
+use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
@@ -117,6 +117,7 @@ pub struct World {
 pub struct Workshop {
     case: Arc<Case>,
     maker: ModelMaker,
+    faces: TopologyMaker,
 }
 
 /// The scene of the settings.
@@ -165,12 +166,14 @@ impl Workshop {
             ..Options::default()
         };
         let case = Arc::new(Case::of(scene, &body, &starts)?);
-        let mut workshop = Workshop { case, maker: ModelMaker::new(&materials(scene)?, options) };
+        let maker = ModelMaker::new(&materials(scene)?, options);
+        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default() };
         let (model, report) = workshop.model(&body)?;
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
-        let mut world = World::with(&workshop.case, body, model)?;
+        let topology = workshop.topology(&body)?;
+        let mut world = World::with(&workshop.case, body, model, topology)?;
         world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of an organ that is whole has to.
         world.shut_n();
@@ -180,7 +183,14 @@ impl Workshop {
     /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
-        World::with(&self.case, body, model)
+        let topology = self.topology(&body)?;
+        World::with(&self.case, body, model, topology)
+    }
+
+    fn topology(&mut self, body: &Body) -> Result<Topology, Failure> {
+        let rest = &body.rest;
+        let made = self.faces.make(&rest.tets, &rest.regions, &rest.positions_m);
+        made.map_err(|error| Failure::Input(error.to_string()))
     }
 }
 
@@ -212,10 +222,8 @@ impl Body {
 }
 
 impl World {
-    fn with(case: &Arc<Case>, body: Body, model: Model) -> Result<World, Failure> {
-        let (rest, words) = (&body.rest, body.pack());
-        let topology =
-            Topology::new(&rest.tets, &rest.regions, &rest.positions_m).map_err(|error| Failure::Input(error.to_string()))?;
+    fn with(case: &Arc<Case>, body: Body, model: Model, topology: Topology) -> Result<World, Failure> {
+        let words = body.pack();
         let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
         let is_held = case.held_nodes(&body);
         let is_wall =

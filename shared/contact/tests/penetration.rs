@@ -134,7 +134,7 @@ fn a_workspace_that_was_another_meshs_finds_what_a_new_one_finds() {
     };
     let depths = |(mut poke, tool): (Poke, &Capsule)| (poke.depths(&tool.points_m, [0.0, 0.0, -1.0]), poke.work);
     let new = pokes().map(|poke| depths(poke).0);
-    assert!(new.iter().all(|found| found.len() > 10));
+    assert!(new.iter().all(|found| found.len() > 4));
     let mut work = Workspace::default();
     for ((mut poke, tool), new) in pokes().into_iter().chain(pokes()).zip(new.iter().cycle()) {
         work.fit(tool.points_m.len(), 2 * tool.points_m.len(), poke.positions_m.len());

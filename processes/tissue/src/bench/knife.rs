@@ -81,6 +81,7 @@ pub fn whole(scene: &LoadedScene, isa: Isa, places: &[f32]) -> Result<(Vec<u64>,
 fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, times_ns: &mut Vec<u64>) -> Result<usize, String> {
     let (mut workshop, mut world) = Workshop::open(scene, isa).map_err(text)?;
     let (mut electrode, mut stroke) = (Electrode::default(), Vec::<u32>::new());
+    let mut contacts = Contacts::new(&world);
     let mut positions_m = world.model.rest_m().to_vec();
     let mut velocities_m_s = vec![[0.0; 3]; positions_m.len()];
     let mut refused = 0;
@@ -92,7 +93,8 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, times_ns: &mut Vec<
             match workshop.make(*body) {
                 Ok(next) => {
                     black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted)));
-                    black_box((Scratch::new(&next.model), Contacts::new(&next)));
+                    contacts.fit(&next);
+                    black_box(Scratch::new(&next.model));
                     world = next;
                     let (moved_m, moved_m_s) = electrode.moved();
                     (positions_m, velocities_m_s) = (moved_m.to_vec(), moved_m_s.to_vec());

@@ -3,7 +3,6 @@
 use super::MainLoop;
 use super::hand::Hand;
 use crate::body::Body;
-use crate::contacts::Contacts;
 use crate::knife::{Stroke, freed_m3, healthy_removed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
@@ -110,7 +109,7 @@ impl MainLoop<'_> {
         }
         self.scratch.fit(&world.model);
         self.surface = BoundSurface::new(&world.body.skin.bindings, world.model.tets());
-        self.contacts = Contacts::new(&world);
+        self.contacts.fit(&world);
         self.collision.take_world(&world);
         self.points_m.resize(world.points.len(), [0.0; 3]);
         self.pressure_pa.resize(world.wall.len(), 0.0);
