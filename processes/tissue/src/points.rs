@@ -90,6 +90,7 @@ impl ContactPoints {
     ) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
         let (area_m2, owner_of) = surface(body, topology);
+        let (longest_m, object_of) = of_tets(body);
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
             own_from: 0,
@@ -99,19 +100,19 @@ impl ContactPoints {
             area_m2: tool.area_m2.clone(),
             graph: PointGraph::default(),
             is_surface: owner_of.iter().map(|owner| *owner != NONE).collect(),
-            object_of: body.owners().into_iter().map(|owner| owner.unwrap_or(NONE)).collect(),
-            longest_m: longest_m(body),
+            object_of,
+            longest_m,
         };
-        let is_free = |object: u32| objects.get(object as usize).is_some_and(ObjectRecord::is_free_piece);
-        let grows = |object: &ObjectRecord| object.kind == ObjectKind::Pathology as u32;
-        let may_meet = |object: u32| is_free(object) || objects.get(object as usize).is_some_and(grows);
+        let is = |object: u32, kind: ObjectKind| objects.get(object as usize).is_some_and(|object| object.kind == kind as u32);
+        let grows = |object: u32| is(object, ObjectKind::Pathology);
+        let may_meet = |object: u32| grows(object) || is(object, ObjectKind::FreePiece);
         // Those that meet others, and of them those at roots, which meet nobody.
         let mut others_of: Vec<u32> = owner_of.iter().map(|owner| if may_meet(*owner) { *owner } else { NONE }).collect();
         let buried = buried(case, body, &others_of)?;
         let mut is_root = body.fixed.clone();
         attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
         for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-            if may_meet(*object) && !is_free(*object) && tet.iter().any(|node| is_root[*node as usize]) {
+            if grows(*object) && tet.iter().any(|node| is_root[*node as usize]) {
                 tet.iter().for_each(|node| others_of[*node as usize] = NONE);
             }
         }
@@ -211,17 +212,24 @@ impl ContactPoints {
     }
 }
 
-/// Longest edge of each node at rest, m.
-fn longest_m(body: &Body) -> Vec<f32> {
-    let mut longest_m = vec![0.0f32; body.rest.positions_m.len()];
-    for [a, b, c, d] in &body.rest.tets {
-        for [from, to] in [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(|edge| edge.map(|node| *node as usize)) {
-            let edge_m = Vec3::from(body.rest.positions_m[from]).distance(body.rest.positions_m[to].into());
-            longest_m[from] = longest_m[from].max(edge_m);
-            longest_m[to] = longest_m[to].max(edge_m);
+/// The longest edge of each node at rest, m, and its object, [`NONE`] for one that no tet uses.
+fn of_tets(body: &Body) -> (Vec<f32>, Vec<u32>) {
+    let nodes = body.rest.positions_m.len();
+    let (mut longest_m, mut object_of) = (vec![0.0f32; nodes], vec![NONE; nodes]);
+    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+        let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
+        // Squared until all are known: the root of the greatest is the greatest root.
+        let [ab, ac, ad] = [b, c, d].map(|other| a.distance_squared(other));
+        let [bc, bd, cd] = [(b, c), (b, d), (c, d)].map(|(one, other)| one.distance_squared(other));
+        let longest = [ab.max(ac).max(ad), ab.max(bc).max(bd), ac.max(bc).max(cd), ad.max(bd).max(cd)];
+        for (node, longest) in tet.iter().zip(longest) {
+            let node = *node as usize;
+            longest_m[node] = longest_m[node].max(longest);
+            object_of[node] = *object;
         }
     }
-    longest_m
+    longest_m.iter_mut().for_each(|longest| *longest = longest.sqrt());
+    (longest_m, object_of)
 }
 
 /// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
@@ -231,21 +239,22 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
     if nodes.is_empty() {
         return Ok(nodes);
     }
-    let owner: Vec<u32> = nodes.iter().map(|node| owner_of[*node as usize]).collect();
     let points_m: Vec<[f32; 3]> = nodes.iter().map(|node| body.rest.positions_m[*node as usize]).collect();
     let sizes = HashSizes::for_points(points_m.len());
     let mut words = vec![0; sizes.words()];
     let mut hash = HashMut::in_words(&mut words, sizes).map_err(broken)?;
     hash.build(&points_m, case.cell_m, Layout::Auto).map_err(broken)?;
-    let hash = hyst_contact::HashRef::in_words(&words).map_err(broken)?;
     // Whose a tet was in the scene: where two parts of one object touch after a cut, neither is buried in the other.
-    let origin = |object: &u32| case.origin(body, *object) as u32;
-    let (owner, of_tet): (Vec<u32>, Vec<u32>) =
-        (owner.iter().map(origin).collect(), body.rest.regions.iter().map(origin).collect());
-    let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &body.rest.tets, tet_owner: &of_tet };
+    let origin = |object: u32| case.origin(body, object) as u32;
+    let owner: Vec<u32> = nodes.iter().map(|node| origin(owner_of[*node as usize])).collect();
+    // Where all nodes are of one object, as with one pathology, its own tets are not even looked at.
+    let of_all = owner.first().copied().filter(|first| owner.iter().all(|owner| owner == first));
+    let tets = body.rest.tets.iter().zip(&body.rest.regions).map(|(tet, object)| (*tet, origin(*object)));
+    let (tets, of_tet): (Vec<[u32; 4]>, Vec<u32>) = tets.filter(|(_, of)| Some(*of) != of_all).unzip();
+    let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
     let points = Points { owner: &owner, node: &[], own: None };
-    let found = intersect(Share::ALL, &hash, &points, &tissue, &mut Cull::default(), &mut hits).map_err(broken)?;
+    let found = intersect(Share::ALL, &hash.as_ref(), &points, &tissue, &mut Cull::default(), &mut hits).map_err(broken)?;
     Ok(hits[..found.count].iter().map(|hit| nodes[hit.point as usize]).collect())
 }
 
@@ -253,7 +262,41 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
 mod tests {
     use super::*;
     use crate::world::Workshop;
+    use hyst_contact::intersect_brute;
     use hyst_tissue::Isa;
+
+    #[test]
+    fn buried_is_what_lies_in_a_tet_of_another_object_whatever_is_left_out_of_the_search() {
+        let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
+        let (rest, owner_of) = (&world.body.rest, surface(&world.body, &world.topology).1);
+        let tissue = Tissue { positions_m: &rest.positions_m, tets: &rest.tets, tet_owner: &rest.regions };
+        let of_all = |node: usize| owner_of[node];
+        let of_polyp = |node: usize| if owner_of[node] == 1 { 1 } else { NONE };
+        for of in [&of_polyp as &dyn Fn(usize) -> u32, &of_all] {
+            let owner: Vec<u32> = (0..owner_of.len()).map(of).collect();
+            let place = |(node, owner): (&[f32; 3], &u32)| if *owner == NONE { NOWHERE } else { *node };
+            let places_m: Vec<[f32; 3]> = rest.positions_m.iter().zip(&owner).map(place).collect();
+            let mut hits = vec![Hit::default(); 4 * places_m.len()];
+            let points = Points { owner: &owner, node: &[], own: None };
+            let found = intersect_brute(&places_m, &points, &tissue, &mut hits).unwrap();
+            let expected: Vec<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
+            assert!(expected.len() > 3 && found.dropped == 0, "{} nodes", expected.len());
+            assert_eq!(buried(&world.case, &world.body, &owner).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn the_longest_edge_and_the_object_of_a_node_are_those_of_its_tets() {
+        let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
+        let (rest, (longest_m, object_of)) = (&world.body.rest, of_tets(&world.body));
+        let (place, owners) = (|node: u32| Vec3::from(rest.positions_m[node as usize]), world.body.owners());
+        for (node, (longest_m, object)) in (0..).zip(longest_m.into_iter().zip(object_of)) {
+            let around = rest.tets.iter().filter(|tet| tet.contains(&node));
+            let edges_m = around.flatten().map(|other| place(node).distance(place(*other)));
+            assert_eq!(longest_m.to_bits(), edges_m.fold(0.0, f32::max).to_bits(), "node {node}");
+            assert_eq!(Some(object).filter(|object| *object != NONE), owners[node as usize]);
+        }
+    }
 
     #[test]
     fn a_wall_that_is_hardly_deformed_is_nowhere_and_what_has_come_far_is_there_with_what_it_may_reach() {
