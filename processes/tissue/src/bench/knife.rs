@@ -6,7 +6,7 @@ use crate::contacts::Contacts;
 use crate::knife::{Knife as Electrode, Stroke, freed_m3, removed_m3};
 use crate::materials::materials;
 use crate::world::{Workshop, World};
-use hyst_contact::Topology;
+use hyst_contact::{ContactError, Topology, TopologyMaker};
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
 use hyst_scene::{DeformableKind, LoadedScene};
@@ -29,7 +29,7 @@ pub struct Knife {
     pub cut_ns: Vec<u64>,
     /// Making the model of the new mesh from what is known of the old one, each time that it changed.
     pub model_ns: Vec<u64>,
-    /// Making its faces and neighbours.
+    /// The same of its faces and neighbours.
     pub topology_ns: Vec<u64>,
     /// Tets before and after.
     pub tets: [usize; 2],
@@ -112,6 +112,10 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, times_ns: &mut Vec<
     Ok(refused)
 }
 
+fn topology_of(faces: &mut TopologyMaker, rest: &TetMesh) -> Result<Topology, ContactError> {
+    faces.make(&rest.tets, &rest.regions, &rest.positions_m)
+}
+
 /// Draws the wire.
 pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let (_, world) = Workshop::open(scene, isa).map_err(text)?;
@@ -122,13 +126,14 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let mut maker = ModelMaker::new(&materials, options);
     let (_, whole) = maker.make(&tissue.rest, &tissue.fixed).map_err(text)?;
     maker.options.omega_rest_per_s = Some(whole.omega_rest_per_s);
+    let mut faces = TopologyMaker::default();
+    topology_of(&mut faces, &tissue.rest).map_err(text)?;
     let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
     for wire in wires(scene, MIDDLE)? {
         let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &CutOptions::default())).map_err(text)?;
         if report.has_changed_mesh() {
             timed(&mut knife.model_ns, || maker.make(&tissue.rest, &tissue.fixed)).map_err(text)?;
-            timed(&mut knife.topology_ns, || Topology::new(&tissue.rest.tets, &tissue.rest.regions, &tissue.rest.positions_m))
-                .map_err(text)?;
+            timed(&mut knife.topology_ns, || topology_of(&mut faces, &tissue.rest)).map_err(text)?;
         }
     }
     knife.tets[1] = tissue.rest.tets.len();

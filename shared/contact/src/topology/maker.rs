@@ -72,7 +72,10 @@ impl TopologyMaker {
     fn join(&mut self, tets: &[[u32; 4]], tet_owner: &[u32], nodes: usize) {
         let TopologyMaker { neighbours, is_touched, near, faces, .. } = self;
         let touched = |node: u32| is_touched.get(node as usize).is_some_and(|is_touched| *is_touched);
-        let is_near = |tet: &[u32; 4]| tet.iter().filter(|node| touched(**node)).count() >= 3 && exists(tet, nodes);
+        // Of four corners three are touched only if one of the first two is; few tets have any.
+        let may_be_near = |tet: &[u32; 4]| touched(tet[0]) || touched(tet[1]);
+        let has_face = |tet: &[u32; 4]| tet.iter().filter(|node| touched(**node)).count() >= 3;
+        let is_near = |tet: &[u32; 4]| may_be_near(tet) && has_face(tet) && exists(tet, nodes);
         near.clear();
         near.extend((0..).zip(tets).filter(|(_, tet)| is_near(tet)).map(|(t, _): (u32, _)| t));
         faces.clear(near.len());
