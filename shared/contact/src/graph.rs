@@ -38,12 +38,12 @@ impl PointGraph {
         });
         sum_up(&mut low_starts);
         sum_up(&mut high_starts);
-        let (mut lows, mut ends) = (vec![0; low_starts[points] as usize], low_starts.clone());
+        let (mut lows, mut ends) = (vec![0u32; low_starts[points] as usize], low_starts.clone());
         real.for_each(|(low, high)| {
             lows[ends[high] as usize] = low as u32;
             ends[high] += 1;
         });
-        let mut highs = vec![0; lows.len()];
+        let mut highs = vec![0u32; lows.len()];
         ends.copy_from_slice(&high_starts);
         for high in 0..points {
             for low in &lows[low_starts[high] as usize..low_starts[high + 1] as usize] {
@@ -59,7 +59,7 @@ impl PointGraph {
         }
         sum_up(&mut starts);
         // A point has got the lower ones that it is joined to, ascending, before its own turn comes.
-        let (mut joined, mut next) = (vec![0; starts[points] as usize], starts.clone());
+        let (mut joined, mut next) = (vec![0u32; starts[points] as usize], starts.clone());
         for low in 0..points {
             for high in &highs[high_starts[low] as usize..ends[low] as usize] {
                 for (from, to) in [(low, *high), (*high as usize, low as u32)] {
