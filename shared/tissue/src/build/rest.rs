@@ -134,6 +134,8 @@ pub(super) struct Kept {
     pub rest: Vec<Rest>,
     /// The same.
     pub lanes: Vec<Lane>,
+    /// Of a mesh that it is brought up to: whether the node of each number is where that of `mesh` is.
+    is_still: Vec<bool>,
 }
 
 impl Kept {
@@ -152,6 +154,9 @@ impl Kept {
     }
 
     fn renew_tets(&mut self, mesh: &TetMesh, regions: &[u32], materials: &Materials, reach_m: f64) -> Result<(), ModelError> {
+        let places = mesh.positions_m.iter().zip(&self.mesh.positions_m);
+        self.is_still.clear();
+        self.is_still.extend(places.map(|(now, before)| now.map(f32::to_bits) == before.map(f32::to_bits)));
         // Where tets were burnt those behind them have moved up: by how many places the last one that was found has.
         let mut moved = 0;
         for tet in 0..mesh.tets.len() {
@@ -198,8 +203,12 @@ impl Kept {
     fn is_same(&self, mesh: &TetMesh, regions: &[u32], tet: usize, before: usize) -> bool {
         let Some(corners) = self.mesh.tets.get(before) else { return false };
         let bits = |mesh: &TetMesh, node: u32| mesh.positions_m[node as usize].map(f32::to_bits);
-        self.mesh.regions.get(before) == regions.get(tet)
-            && mesh.tets[tet].iter().zip(corners).all(|(&now, &before)| bits(mesh, now) == bits(&self.mesh, before))
+        let is_still = |node: u32| self.is_still.get(node as usize).is_some_and(|is_still| *is_still);
+        let is_there = |(&now, &before): (&u32, &u32)| {
+            // Nearly all of them by two short looks.
+            (now == before && is_still(now)) || bits(mesh, now) == bits(&self.mesh, before)
+        };
+        self.mesh.regions.get(before) == regions.get(tet) && mesh.tets[tet].iter().zip(corners).all(is_there)
     }
 
     /// Puts other tets in the places of these, and these in theirs.
