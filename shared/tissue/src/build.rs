@@ -42,7 +42,8 @@ impl Materials {
 }
 
 /// Makes one model after the other of a mesh that is cut: what it knows of a tet it keeps for as long as the tet has the same region, its corners the same
-/// places at rest, to the bit, and its index is the same, or less where tets before it were taken out. Each model has the bits of the one that [`Model::with_materials`] makes of the same mesh.
+/// places at rest, to the bit, and its index is the same, or less where tets before it were taken out. Each model has the bits of the one that
+/// [`Model::with_materials`] makes of the same mesh.
 pub struct ModelMaker {
     /// How the next model is made. After the first, [`Options::omega_rest_per_s`] is set to what its report says: looking for it takes far longer than
     /// all else.

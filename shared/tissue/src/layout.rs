@@ -214,6 +214,10 @@ impl Slots {
         self.0[slot % LOOK_AHEAD / 64] &= !(1 << (slot % 64));
     }
 
+    fn add(&mut self, others: &Slots) {
+        self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word |= other);
+    }
+
     fn remove_all(&mut self, others: &Slots) {
         self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word &= !other);
     }
@@ -260,11 +264,13 @@ impl Window {
     /// Takes a free slot out; takes those that have a node in common with it out of `apart`.
     fn take(&mut self, slot: usize, corners: &[u32; 4], apart: &mut Slots) {
         self.free.remove(slot);
+        let mut touching = Slots::NONE;
         for &node in corners {
             let same = &mut self.with_node[node as usize];
-            apart.remove_all(same);
+            touching.add(same);
             same.remove(slot);
         }
+        apart.remove_all(&touching);
     }
 
     fn move_on(&mut self) {
