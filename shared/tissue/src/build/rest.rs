@@ -260,7 +260,7 @@ mod tests {
         let mark = |(rest, lane): (&Rest, &Lane)| {
             let is_new = rest.volume_m3 < 1.0;
             assert!(if is_new { lane.volume < 1.0 } else { f64::from(lane.volume) == rest.volume_m3 }, "another tet's lane");
-            (!is_new).then_some(rest.volume_m3 as usize - 1)
+            (!is_new).then(|| rest.volume_m3 as usize - 1)
         };
         kept.rest.iter().zip(&kept.lanes).map(mark).collect()
     }
@@ -300,7 +300,7 @@ mod tests {
             mesh.tets.push([1, 2, 0, 3]);
             mesh.regions.push(0);
         };
-        let left = (0..60).filter(|tet| *tet != 5 && !(30..33).contains(tet));
+        let left = (0..60_usize).filter(|tet| *tet != 5 && !(30..33).contains(tet));
         let expected: Vec<Option<usize>> = left.map(|tet| (tet != 20).then_some(tet)).chain([None]).collect();
         assert_eq!(kept_after(row(60), some), expected);
         // More at once than are looked through.
