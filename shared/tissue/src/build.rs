@@ -6,6 +6,7 @@
 mod blocks;
 mod rest;
 mod soften;
+mod sums;
 
 use hyst_mesh::TetMesh;
 use nalgebra::Vector3;
@@ -18,6 +19,7 @@ use crate::model::{Model, ModelError, ModelReport, Options, omega_allowed_per_s,
 use crate::spectrum::{self, Element};
 use blocks::node_rows;
 use rest::{Kept, Rest, Shape};
+use sums::{NodeSum, Sums};
 
 /// How far a node may stray, in diameters of the object at rest: room for a piece that floats away, and finite forces.
 const REACH_DIAMETERS: f64 = 100.0;
@@ -39,14 +41,17 @@ impl Materials {
     }
 }
 
-/// Makes one model after the other of a mesh that is cut: what it knows of a tet it keeps for as long as the tet has the same index and region, and
-/// its corners the same places at rest, to the bit. Each model has the bits of the one that [`Model::with_materials`] makes of the same mesh.
+/// Makes one model after the other of a mesh that is cut: what it knows of a tet it keeps for as long as the tet has the same region, its corners the same
+/// places at rest, to the bit, and its index is the same, or less where tets before it were taken out. Each model has the bits of the one that
+/// [`Model::with_materials`] makes of the same mesh.
 pub struct ModelMaker {
     /// How the next model is made. After the first, [`Options::omega_rest_per_s`] is set to what its report says: looking for it takes far longer than
     /// all else.
     pub options: Options,
     materials: Materials,
     kept: Kept,
+    /// Room for those of a mesh.
+    sums: Sums,
 }
 
 impl ModelMaker {
@@ -56,92 +61,86 @@ impl ModelMaker {
     }
 
     pub(crate) fn of(materials: Materials, options: Options) -> ModelMaker {
-        ModelMaker { options, materials, kept: Kept::default() }
+        ModelMaker { options, materials, kept: Kept::default(), sums: Sums::default() }
     }
 
     /// Makes the model of `mesh`. `fixed`: one per node; fixed nodes follow their targets.
     ///
     /// Errors: those of [`Model::with_materials`]; the next model is made as if there had been none.
     pub fn make(&mut self, mesh: &TetMesh, fixed: &[bool]) -> Result<(Model, ModelReport), ModelError> {
-        check::options(&self.options)?;
+        self.make_of(mesh, &mesh.regions, fixed)
+    }
+
+    /// As [`ModelMaker::make`], of tets that are of these regions, one each, whatever the mesh itself says.
+    pub fn make_of(&mut self, mesh: &TetMesh, regions: &[u32], fixed: &[bool]) -> Result<(Model, ModelReport), ModelError> {
+        let ModelMaker { options, materials, kept, sums } = self;
+        check::options(options)?;
         check::mesh(mesh, fixed)?;
-        let reach_m = reach_m(mesh).min(self.options.most_reach_m.unwrap_or(f64::INFINITY));
-        self.kept.renew(mesh, &self.materials, reach_m)?;
-        let sums = add_to_nodes(mesh, &self.kept.rest, |rest| [rest.corner_mass; 4]);
-        let mass: Vec<f64> = sums.iter().map(|[mass, _]| *mass).collect();
-        let mut softened = soften::flat_tets(mesh, &self.kept.rest, &mass, fixed, &self.materials, &self.options)?;
-        // What is kept is not softened: how much a tet gives way depends on its neighbours.
-        let mut swap = |rest: &mut [Rest]| softened.iter_mut().for_each(|(tet, other)| std::mem::swap(&mut rest[*tet], other));
-        swap(&mut self.kept.rest);
-        let made = assemble(mesh, fixed, &self.kept.rest, sums, &self.options, reach_m);
-        swap(&mut self.kept.rest);
+        let reach_m = reach_m(mesh).min(options.most_reach_m.unwrap_or(f64::INFINITY));
+        kept.renew(mesh, regions, materials, reach_m)?;
+        sums.add_up(mesh, &kept.rest);
+        let mut softened = soften::flat_tets(kept, sums, fixed, materials, options)?;
+        if !softened.is_empty() {
+            // What is kept is not softened: how much a tet gives way depends on its neighbours.
+            kept.swap(&mut softened);
+            sums.add_up(mesh, &kept.rest);
+        }
+        let made = assemble(mesh, fixed, kept, sums, options, reach_m);
+        kept.swap(&mut softened);
         let (model, mut report) = made?;
         report.softened_tets = softened.len();
-        report.softened_volume_m3 = softened.iter().map(|(_, rest)| rest.volume_m3).fold(0.0, |sum, volume| sum + volume);
+        report.softened_volume_m3 = softened.iter().map(|(_, rest, _)| rest.volume_m3).fold(0.0, |sum, volume| sum + volume);
         Ok((model, report))
     }
 }
 
-/// What the tets give their corners, two numbers each, added up at the nodes in the order of the tets.
-fn add_to_nodes(mesh: &TetMesh, rest: &[Rest], shares: impl Fn(&Rest) -> [[f64; 2]; 4]) -> Vec<[f64; 2]> {
-    let mut sums = vec![[0.0; 2]; mesh.positions_m.len()];
-    for (tet, data) in mesh.tets.iter().zip(rest) {
-        for (&node, share) in tet.iter().zip(shares(data)) {
-            let sum = &mut sums[node as usize];
-            *sum = [sum[0] + share[0], sum[1] + share[1]];
-        }
-    }
-    sums
-}
-
-/// The model of tets that may have been softened. `sums`: own mass of each node, kg, and mass times damping, kg/s.
+/// The model of tets that may have been softened. Beds are added to `sums`.
 fn assemble(
     mesh: &TetMesh,
     fixed: &[bool],
-    rest: &[Rest],
-    sums: Vec<[f64; 2]>,
+    kept: &Kept,
+    sums: &mut Sums,
     options: &Options,
     reach_m: f64,
 ) -> Result<(Model, ModelReport), ModelError> {
-    let nodes = sums.len();
-    let mut mass: Vec<f64> = sums.iter().map(|[mass, _]| *mass).collect();
+    let nodes = sums.nodes.len();
+    let mut mass: Vec<f64> = sums.nodes.iter().map(|sum| sum.mass[0]).collect();
     let held: Vec<bool> = fixed.iter().zip(&mass).map(|(&fixed, &mass)| fixed || mass == 0.0).collect();
     let own_mass_kg: f64 = mass.iter().sum();
     let unused_nodes = mass.iter().filter(|&&mass| mass == 0.0).count();
-    let mut stiffness = add_to_nodes(mesh, rest, |rest| rest.corner_stiffness_n_m);
-    let beds = beds(mesh, rest, &held);
+    let beds = sums.beds(&held);
     for Bed { node, stiffness_n_m } in &beds {
-        stiffness[*node as usize].iter_mut().for_each(|share| *share += f64::from(*stiffness_n_m));
+        sums.nodes[*node as usize].stiffness_n_m.iter_mut().for_each(|share| *share += f64::from(*stiffness_n_m));
     }
-    let stiffness = better_bound(stiffness, &mass, &held, options.contact_stiffness_n_m);
+    let stiffness = better_bound(&sums.nodes, &held, options.contact_stiffness_n_m);
     let (added_mass_kg, scaled_nodes) = fit_step(&mut mass, &stiffness, own_mass_kg, options)?;
     let omega_max_per_s = bound::omega_per_s(&mass, &stiffness);
     let omega_rest_per_s = match options.omega_rest_per_s {
         Some(told_per_s) => told_per_s,
-        None => omega_rest_per_s(mesh, rest, &mass, &held, &beds, options)?,
+        None => omega_rest_per_s(mesh, &kept.rest, &mass, &held, &beds, options)?,
     };
     let omega_rest_per_s = omega_rest_per_s.min(omega_max_per_s);
     let mut report = ModelReport {
         nodes,
         tets: mesh.tets.len(),
         unused_nodes,
-        volume_m3: rest.iter().map(|tet| tet.volume_m3).sum(),
+        volume_m3: sums.volume_m3,
         mass_kg: own_mass_kg,
         added_mass_kg,
         scaled_nodes,
         softened_tets: 0,
         softened_volume_m3: 0.0,
-        shortest_edge_m: rest.iter().map(|tet| tet.shortest_edge_m).fold(f64::INFINITY, f64::min),
+        shortest_edge_m: sums.shortest_edge_m,
         omega_rest_per_s,
         omega_max_per_s,
         substeps: 0,
     };
-    let (corners, blocks, rest_blocks) = blocks::of_tets(mesh, rest);
+    let (corners, blocks, rest_blocks) = blocks::of_tets(mesh, &kept.lanes);
     let model = Model {
         rest_m: mesh.positions_m.clone(),
         tets: mesh.tets.clone(),
         inv_mass: node_rows(nodes, |node| if held[node] { 0.0 } else { 1.0 / mass[node] }),
-        damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { sums[node][1] / sums[node][0] }),
+        damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { sums.nodes[node].damping_per_s() }),
         corners,
         blocks,
         rest_blocks,
@@ -158,16 +157,6 @@ fn assemble(
     Ok((model, report))
 }
 
-/// What holds the free nodes of material on beds, by ascending node.
-fn beds(mesh: &TetMesh, rest: &[Rest], held: &[bool]) -> Vec<Bed> {
-    if rest.iter().all(|rest| rest.corner_bed_n_m == 0.0) {
-        return Vec::new();
-    }
-    let sums = add_to_nodes(mesh, rest, |rest| [[rest.corner_bed_n_m, 0.0]; 4]);
-    let bed = |node: usize| Bed { node: node as u32, stiffness_n_m: sums[node][0] as f32 };
-    (0..sums.len()).filter(|node| !held[*node] && sums[*node][0] > 0.0).map(bed).collect()
-}
-
 /// The box is that of the nodes in use.
 fn reach_m(mesh: &TetMesh) -> f64 {
     let mut is_used = vec![false; mesh.positions_m.len()];
@@ -182,26 +171,24 @@ fn reach_m(mesh: &TetMesh) -> f64 {
 }
 
 /// The one of the two bounds that asks for the smaller frequency, with contact added; 0 at held nodes, which do not move freely.
-fn better_bound(bounds: Vec<[f64; 2]>, mass: &[f64], held: &[bool], contact_n_m: f64) -> Vec<f64> {
-    let [equal, by_gradient] = [0, 1].map(|spread| {
-        let free = |(shares, &held): (&[f64; 2], &bool)| if held { 0.0 } else { shares[spread] + contact_n_m };
-        bounds.iter().zip(held).map(free).collect::<Vec<f64>>()
-    });
-    let worst = |bound: &[f64]| {
-        let ratio = bound.iter().zip(mass).filter(|(_, mass)| **mass > 0.0).map(|(share, mass)| share / mass);
-        ratio.fold(0.0, f64::max)
-    };
-    if worst(&by_gradient) < worst(&equal) { by_gradient } else { equal }
+fn better_bound(nodes: &[NodeSum], held: &[bool], contact_n_m: f64) -> Vec<f64> {
+    let mut worst = [0.0f64; 2];
+    for (sum, _) in nodes.iter().zip(held).filter(|(_, held)| !**held) {
+        worst = [0, 1].map(|spread| worst[spread].max((sum.stiffness_n_m[spread] + contact_n_m) / sum.mass[0]));
+    }
+    let spread = usize::from(worst[1] < worst[0]);
+    let free = |(sum, &held): (&NodeSum, &bool)| if held { 0.0 } else { sum.stiffness_n_m[spread] + contact_n_m };
+    nodes.iter().zip(held).map(free).collect()
 }
 
 /// Adds mass until `max_substeps` suffice; returns the mass added and the number of nodes that took some.
 fn fit_step(mass: &mut [f64], stiffness: &[f64], own_mass_kg: f64, options: &Options) -> Result<(f64, usize), ModelError> {
     let before = mass.to_vec();
-    let unscaled_substeps = substeps_stable(options.step_s, bound::omega_per_s(mass, stiffness));
     let allowed = omega_allowed_per_s(options.step_s, options.max_substeps);
     let added_kg = bound::scale_mass(mass, stiffness, allowed);
     let ratio = added_kg / own_mass_kg;
     if ratio > options.max_added_mass_ratio {
+        let unscaled_substeps = substeps_stable(options.step_s, bound::omega_per_s(&before, stiffness));
         let enough = |substeps: u32| {
             let allowed = omega_allowed_per_s(options.step_s, substeps);
             bound::scale_mass(&mut before.clone(), stiffness, allowed) / own_mass_kg <= options.max_added_mass_ratio

@@ -113,9 +113,17 @@ struct BoundVertex {
 impl BoundSurface {
     /// Of the vertices with these bindings to a model's tets.
     pub fn new(bindings: &[Binding], tets: &[[u32; 4]]) -> BoundSurface {
+        let mut surface = BoundSurface::default();
+        surface.fit(bindings, tets);
+        surface
+    }
+
+    /// Goes on as another surface, with what memory there is.
+    pub fn fit(&mut self, bindings: &[Binding], tets: &[[u32; 4]]) {
         let nodes = |tet: u32| tets.get(tet as usize).copied().unwrap_or([u32::MAX; 4]);
         let vertex = |binding: &Binding| BoundVertex { nodes: nodes(binding.tet), weights: binding.weights };
-        BoundSurface { vertices: bindings.iter().map(vertex).collect() }
+        self.vertices.clear();
+        self.vertices.extend(bindings.iter().map(vertex));
     }
 
     /// As [`surface_update`], with nodes in rows of (x, y, z, 0): to the same bits.

@@ -124,6 +124,10 @@ pub(crate) struct Block {
     pub two_mu: Row,
 }
 
+impl Block {
+    pub const ZERO: Block = Block { metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
+}
+
 /// What only the search for rotations reads of 16 tets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C, align(64))]
@@ -134,6 +138,10 @@ pub(crate) struct RestBlock {
     pub volume: Row,
     /// 1/2λ, 1/Pa; finite also where λ is 0.
     pub half_inv_lambda: Row,
+}
+
+impl RestBlock {
+    pub const ZERO: RestBlock = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO, half_inv_lambda: Row::ZERO };
 }
 
 /// Number of rows for `nodes` nodes and one spare.
@@ -160,12 +168,14 @@ pub(crate) fn pack(tets: &[[u32; 4]], nodes: usize) -> Vec<u32> {
     while order.len() < tets.len() {
         window.fill(&waiting, tets);
         let in_block = (tets.len() - order.len()).min(LANES);
-        let mut touching = Slots::NONE;
+        // Those without a node in common with what the block holds. None that was passed over becomes one of them.
+        let (mut apart, mut from) = (window.free, window.first);
         for _ in 0..in_block {
-            let Some(slot) = window.next_without(&touching).or_else(|| window.next_without(&Slots::NONE)) else { break };
+            let Some(slot) = apart.first_from(from).or_else(|| window.free.first_from(window.first)) else { break };
             let tet = waiting[slot];
-            window.take(slot, &tets[tet as usize], &mut touching);
+            window.take(slot, &tets[tet as usize], &mut apart);
             order.push(tet);
+            from = slot;
         }
         window.move_on();
     }
@@ -176,14 +186,14 @@ pub(crate) fn pack(tets: &[[u32; 4]], nodes: usize) -> Vec<u32> {
 /// The tets by the sum of their nodes, those with the same sum by index.
 fn by_sum(tets: &[[u32; 4]], nodes: usize) -> Vec<u32> {
     let sum = |tet: &[u32; 4]| tet.iter().map(|&node| node as usize).sum::<usize>();
-    let mut next = vec![0usize; 4 * nodes];
+    let mut next = vec![0u32; 4 * nodes];
     tets.iter().for_each(|tet| next[sum(tet)] += 1);
     let mut before = 0;
     next.iter_mut().for_each(|entry| before += std::mem::replace(entry, before));
     let mut sorted = vec![0; tets.len()];
     for (tet, nodes) in tets.iter().enumerate() {
         let place = &mut next[sum(nodes)];
-        sorted[*place] = tet as u32;
+        sorted[*place as usize] = tet as u32;
         *place += 1;
     }
     sorted
@@ -204,8 +214,26 @@ impl Slots {
         self.0[slot % LOOK_AHEAD / 64] &= !(1 << (slot % 64));
     }
 
-    fn add(&mut self, other: &Slots) {
-        self.0.iter_mut().zip(other.0).for_each(|(word, more)| *word |= more);
+    fn add(&mut self, others: &Slots) {
+        self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word |= other);
+    }
+
+    fn remove_all(&mut self, others: &Slots) {
+        self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word &= !other);
+    }
+
+    /// The first slot from this one on, of a set of slots of a window in which none lies before it.
+    fn first_from(&self, from: usize) -> Option<usize> {
+        let begin = from - from % 64;
+        let mut part = self.0[from % LOOK_AHEAD / 64] & (u64::MAX << (from % 64));
+        // The word that it begins in is also the one that the window may end in, and has nothing else by then.
+        for step in 1..=LOOK_AHEAD / 64 {
+            if part != 0 {
+                return Some(begin + 64 * (step - 1) + part.trailing_zeros() as usize);
+            }
+            part = self.0[(from / 64 + step) % (LOOK_AHEAD / 64)];
+        }
+        (part != 0).then(|| begin + LOOK_AHEAD + part.trailing_zeros() as usize)
     }
 }
 
@@ -233,38 +261,20 @@ impl Window {
         self.end = end;
     }
 
-    /// The first free slot that is not one of `without`.
-    fn next_without(&self, without: &Slots) -> Option<usize> {
-        const WORDS: usize = LOOK_AHEAD / 64;
-        let (word, bit) = (self.first % LOOK_AHEAD / 64, self.first % 64);
-        // The word that the window begins in is also the one that it ends in.
-        for step in 0..=WORDS {
-            let at = (word + step) % WORDS;
-            let part = match step {
-                0 => u64::MAX << bit,
-                WORDS => !(u64::MAX << bit),
-                _ => u64::MAX,
-            };
-            let found = self.free.0[at] & !without.0[at] & part;
-            if found != 0 {
-                return Some(self.first - bit + 64 * step + found.trailing_zeros() as usize);
-            }
-        }
-        None
-    }
-
-    /// Takes a free slot out; adds those that have a node in common with it.
-    fn take(&mut self, slot: usize, corners: &[u32; 4], touching: &mut Slots) {
+    /// Takes a free slot out; takes those that have a node in common with it out of `apart`.
+    fn take(&mut self, slot: usize, corners: &[u32; 4], apart: &mut Slots) {
         self.free.remove(slot);
+        let mut touching = Slots::NONE;
         for &node in corners {
             let same = &mut self.with_node[node as usize];
             touching.add(same);
             same.remove(slot);
         }
+        apart.remove_all(&touching);
     }
 
     fn move_on(&mut self) {
-        self.first = self.next_without(&Slots::NONE).unwrap_or(self.end);
+        self.first = self.free.first_from(self.first).unwrap_or(self.end);
     }
 }
 

@@ -60,11 +60,10 @@ impl Scratch {
             part.resize(length, Row::ZERO);
             part[..rows].fill(Row::ZERO);
         }
-        self.frames.clear();
+        // Frames and what was weighed are written by each step before it reads them.
         self.frames.resize(model.blocks.len(), Frame::ZERO);
         self.load_n_m.clear();
         self.load_n_m.resize(nodes, 0.0);
-        self.ready.fill(None);
         self.substep_s = 0.0;
     }
 

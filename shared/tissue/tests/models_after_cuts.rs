@@ -137,3 +137,43 @@ fn a_maker_softens_the_flat_tets_of_a_cut_block_as_from_nothing() {
 fn a_maker_makes_of_the_cut_polyp_what_is_made_from_nothing() {
     whatever_happens(shipped("polyp.msh"), 30, 3, [50, 0, 20]);
 }
+
+#[test]
+fn a_maker_makes_of_what_is_left_of_burnt_tets_what_is_made_from_nothing() {
+    let whole = block([6, 5, 4], 0.003);
+    let fixed: Vec<bool> = whole.positions_m.iter().map(|place| place[2] == 0.0).collect();
+    let config =
+        ProptestConfig { cases: 40, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..ProptestConfig::default() };
+    // Tets that are taken out from one on, and a node that moves, or does not.
+    let burnt = prop::collection::vec((any::<usize>(), 1..60_usize, any::<usize>(), 0..3_u8), 1..6);
+    let outcome = TestRunner::new(config).run(&burnt, |burnt| {
+        let (mut bench, mut mesh) = (Bench::new(), whole.clone());
+        bench.maker.options.omega_rest_per_s = Some(3_000.0);
+        prop_assert!(bench.assert_same(&mesh, &fixed).is_ok());
+        for (first, count, node, way) in burnt {
+            let first = first % (mesh.tets.len() - count);
+            mesh.tets.drain(first..first + count);
+            mesh.regions.drain(first..first + count);
+            let node = node % mesh.positions_m.len();
+            mesh.positions_m[node][0] += 1e-5 * f32::from(way);
+            let _ = bench.assert_same(&mesh, &fixed);
+        }
+        prop_assert!(bench.counts[0] > 1, "no model of what is left");
+        Ok(())
+    });
+    outcome.unwrap();
+}
+
+#[test]
+fn regions_that_a_maker_is_told_stand_for_those_of_the_mesh() {
+    let told = block([4, 3, 2], 0.003);
+    let regions: Vec<u32> = (0..told.tets.len() as u32).map(|tet| tet % 2).collect();
+    let own = TetMesh { regions: regions.clone(), ..told.clone() };
+    let fixed = vec![false; told.positions_m.len()];
+    let mut bench = Bench::new();
+    for _ in 0..2 {
+        let from_nothing = Model::with_materials(&own, &fixed, &bench.materials, bench.maker.options).unwrap();
+        assert!(bench.maker.make_of(&told, &regions, &fixed).unwrap() == from_nothing);
+        assert!(bench.maker.make(&told, &fixed).unwrap() != from_nothing);
+    }
+}

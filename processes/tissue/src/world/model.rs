@@ -3,7 +3,6 @@
 use super::Workshop;
 use crate::body::Body;
 use hyst_engine::Failure;
-use hyst_mesh::TetMesh;
 use hyst_tissue::{Model, ModelError, ModelReport};
 
 /// Most substeps in a step of 1 ms: fine meshes of stiff tissue need more than what an organ of the size that the station is made for does. The first is
@@ -14,11 +13,10 @@ const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 impl Workshop {
     /// The model of a body: it is made of what the scene's objects and their regions are made of, whatever its parts are now.
     pub(super) fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
-        let regions = (0..body.rest.tets.len()).map(|tet| self.case.material(body, tet)).collect();
-        let mesh = TetMesh { regions, ..body.rest.clone() };
+        let regions: Vec<u32> = (0..body.rest.tets.len()).map(|tet| self.case.material(body, tet)).collect();
         let mut with = |max_substeps| {
             self.maker.options.max_substeps = max_substeps;
-            self.maker.make(&mesh, &body.fixed)
+            self.maker.make_of(&body.rest, &regions, &body.fixed)
         };
         let mut last = with(MAX_SUBSTEPS[0]);
         while let Err(ModelError::TooStiff { substeps, enough_substeps, .. }) = last {

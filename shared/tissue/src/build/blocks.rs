@@ -1,11 +1,8 @@
 //! Nodes and tets as the kernels read them: rows of 4 nodes, blocks of 16 tets.
 
-use super::rest::Rest;
+use super::rest::Lane;
 use crate::layout::{self, Block, Corners, LANES, RestBlock, Row, SHORT_NODES};
 use hyst_mesh::TetMesh;
-
-/// Smallest λ that is divided by, Pa.
-const LAMBDA_MIN_PA: f32 = 1e-20;
 
 /// Rows of (v, v, v, 0) for each node, 0 for the spare ones.
 pub(super) fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> {
@@ -17,15 +14,21 @@ pub(super) fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> 
 }
 
 /// The blocks of the tets in an order that is good for the kernels.
-pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Corners, Vec<Block>, Vec<RestBlock>) {
+pub(super) fn of_tets(mesh: &TetMesh, data: &[Lane]) -> (Corners, Vec<Block>, Vec<RestBlock>) {
     let order = layout::pack(&mesh.tets, mesh.positions_m.len());
     let (orders, _) = order.as_chunks::<LANES>();
     let corners = match mesh.positions_m.len() < SHORT_NODES {
         true => Corners::Short(corners_of(orders, mesh, layout::short_number)),
         false => Corners::Long(corners_of(orders, mesh, |node| node)),
     };
-    let blocks = orders.iter().map(|lanes| block_of(lanes, rest)).collect();
-    (corners, blocks, orders.iter().map(|lanes| rest_block_of(lanes, rest)).collect())
+    // Written where they stay: they are some hundred KiB.
+    let (mut blocks, mut rest_blocks) = (vec![Block::ZERO; orders.len()], vec![RestBlock::ZERO; orders.len()]);
+    for (lanes, (block, rest_block)) in orders.iter().zip(blocks.iter_mut().zip(&mut rest_blocks)) {
+        for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
+            put(lane, &data[tet as usize], block, rest_block);
+        }
+    }
+    (corners, blocks, rest_blocks)
 }
 
 fn corners_of<N: Copy>(orders: &[[u32; LANES]], mesh: &TetMesh, number: impl Fn(u32) -> N) -> Vec<[[N; LANES]; 4]> {
@@ -42,25 +45,12 @@ fn corners_of<N: Copy>(orders: &[[u32; LANES]], mesh: &TetMesh, number: impl Fn(
     orders.iter().map(of_block).collect()
 }
 
-fn block_of(lanes: &[u32; LANES], rest: &[Rest]) -> Block {
-    let mut block = Block { metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
-    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
-        let data = &rest[tet as usize].lane;
-        block.metric.iter_mut().zip(data.metric).for_each(|(row, value)| row.0[lane] = value);
-        block.inv_volume.0[lane] = data.inv_volume;
-        block.lambda.0[lane] = data.lambda;
-        block.two_mu.0[lane] = data.two_mu;
-    }
-    block
-}
-
-fn rest_block_of(lanes: &[u32; LANES], rest: &[Rest]) -> RestBlock {
-    let mut block = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO, half_inv_lambda: Row::ZERO };
-    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
-        let data = &rest[tet as usize].lane;
-        block.inv_edges.iter_mut().zip(data.inv_edges).for_each(|(row, value)| row.0[lane] = value);
-        block.volume.0[lane] = data.volume;
-        block.half_inv_lambda.0[lane] = 0.5 * data.lambda.max(LAMBDA_MIN_PA).recip();
-    }
-    block
+fn put(lane: usize, data: &Lane, block: &mut Block, rest_block: &mut RestBlock) {
+    block.metric.iter_mut().zip(data.metric).for_each(|(row, value)| row.0[lane] = value);
+    block.inv_volume.0[lane] = data.inv_volume;
+    block.lambda.0[lane] = data.lambda;
+    block.two_mu.0[lane] = data.two_mu;
+    rest_block.inv_edges.iter_mut().zip(data.inv_edges).for_each(|(row, value)| row.0[lane] = value);
+    rest_block.volume.0[lane] = data.volume;
+    rest_block.half_inv_lambda.0[lane] = data.half_inv_lambda;
 }

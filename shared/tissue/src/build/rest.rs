@@ -13,6 +13,10 @@ use nalgebra::{Matrix3, Vector3};
 const FLATNESS_MIN: f64 = 1e-7;
 /// Largest number that a product in a step may reach: far below the end of single precision.
 const FORCE_MAX_N: f64 = 1e30;
+/// Smallest λ that is divided by, Pa.
+const LAMBDA_MIN_PA: f32 = 1e-20;
+/// How many places a tet is looked for behind where it is expected: what burns at once are pieces of a few tets.
+const LOOK_AHEAD: usize = 16;
 
 /// The shape of one tet at rest.
 pub(super) struct Shape {
@@ -48,7 +52,7 @@ impl Shape {
     }
 }
 
-/// One tet at rest, of its material.
+/// One tet at rest, of its material: what every model reads.
 #[derive(Clone, Copy)]
 pub(super) struct Rest {
     pub volume_m3: f64,
@@ -65,10 +69,9 @@ pub(super) struct Rest {
     pub lambda_pa: f64,
     /// Below [`FLAT_QUALITY`].
     pub is_flat: bool,
-    pub lane: Lane,
 }
 
-/// A tet's lane of its blocks, in their units.
+/// A tet's lane of its blocks, in their units: copied there, and read by nothing else.
 #[derive(Clone, Copy)]
 pub(super) struct Lane {
     pub metric: [f32; 6],
@@ -77,10 +80,17 @@ pub(super) struct Lane {
     pub two_mu: f32,
     pub inv_edges: [f32; 9],
     pub volume: f32,
+    pub half_inv_lambda: f32,
+}
+
+/// Both of one tet.
+pub(super) fn both_of(shape: &Shape, material: &Material) -> (Rest, Lane) {
+    let rest = Rest::of(shape, material);
+    (rest, Lane::of(shape, rest.mu_pa, rest.lambda_pa))
 }
 
 impl Rest {
-    pub fn of(shape: &Shape, material: &Material) -> Rest {
+    fn of(shape: &Shape, material: &Material) -> Rest {
         let (mu_pa, lambda_pa, volume_m3) = (material.shear_modulus_pa(), material.lame_lambda_pa(), shape.volume_m3);
         let share_kg = material.density_kg_m3() * volume_m3 / 4.0;
         let [equal, by_gradient] =
@@ -95,7 +105,6 @@ impl Rest {
             mu_pa,
             lambda_pa,
             is_flat: shape.is_flat,
-            lane: Lane::of(shape, mu_pa, lambda_pa),
         }
     }
 }
@@ -111,6 +120,7 @@ impl Lane {
             two_mu: two_mu_pa as f32,
             inv_edges: [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|index| shape.inv_edges[(index / 3, index % 3)] as f32),
             volume: shape.volume_m3 as f32,
+            half_inv_lambda: 0.5 * (lambda_pa as f32).max(LAMBDA_MIN_PA).recip(),
         }
     }
 }
@@ -118,15 +128,20 @@ impl Lane {
 /// The tets of the mesh that was last made a model of, or was tried.
 #[derive(Default)]
 pub(super) struct Kept {
-    mesh: TetMesh,
+    /// With the regions that were told.
+    pub mesh: TetMesh,
     /// One for each tet of `mesh`.
     pub rest: Vec<Rest>,
+    /// The same.
+    pub lanes: Vec<Lane>,
+    /// Of a mesh that it is brought up to: whether the node of each number is where that of `mesh` is.
+    is_still: Vec<bool>,
 }
 
 impl Kept {
-    /// Brings it up to `mesh`, in which nodes may stray by `reach_m`.
-    pub fn renew(&mut self, mesh: &TetMesh, materials: &Materials, reach_m: f64) -> Result<(), ModelError> {
-        let renewed = self.renew_tets(mesh, materials, reach_m);
+    /// Brings it up to `mesh`, whose tets are of these regions and in which nodes may stray by `reach_m`.
+    pub fn renew(&mut self, mesh: &TetMesh, regions: &[u32], materials: &Materials, reach_m: f64) -> Result<(), ModelError> {
+        let renewed = self.renew_tets(mesh, regions, materials, reach_m);
         if renewed.is_err() {
             // Some tets are those of the one mesh, some those of the other.
             *self = Kept::default();
@@ -134,19 +149,32 @@ impl Kept {
         }
         self.mesh.positions_m.clone_from(&mesh.positions_m);
         self.mesh.tets.clone_from(&mesh.tets);
-        self.mesh.regions.clone_from(&mesh.regions);
+        regions.clone_into(&mut self.mesh.regions);
         renewed
     }
 
-    fn renew_tets(&mut self, mesh: &TetMesh, materials: &Materials, reach_m: f64) -> Result<(), ModelError> {
+    fn renew_tets(&mut self, mesh: &TetMesh, regions: &[u32], materials: &Materials, reach_m: f64) -> Result<(), ModelError> {
+        let places = mesh.positions_m.iter().zip(&self.mesh.positions_m);
+        self.is_still.clear();
+        self.is_still.extend(places.map(|(now, before)| now.map(f32::to_bits) == before.map(f32::to_bits)));
+        // Where tets were burnt those behind them have moved up: by how many places the last one that was found has.
+        let mut moved = 0;
         for tet in 0..mesh.tets.len() {
-            if !self.is_same(mesh, tet) {
-                let region = mesh.regions.get(tet).copied();
+            if let Some(now) = self.moved(mesh, regions, tet, moved) {
+                moved = now;
+                if moved > 0 {
+                    self.rest[tet] = self.rest[tet + moved];
+                    self.lanes[tet] = self.lanes[tet + moved];
+                }
+            } else {
+                let region = regions.get(tet).copied();
                 let material = region.and_then(|region| materials.of(region)).ok_or(ModelError::Region { tet, region })?;
-                let rest = Rest::of(&Shape::of(mesh, tet)?, &material);
-                match self.rest.get_mut(tet) {
-                    Some(before) => *before = rest,
-                    None => self.rest.push(rest),
+                let (rest, lane) = both_of(&Shape::of(mesh, tet)?, &material);
+                if tet < self.rest.len() {
+                    (self.rest[tet], self.lanes[tet]) = (rest, lane);
+                } else {
+                    self.rest.push(rest);
+                    self.lanes.push(lane);
                 }
             }
             let Rest { force_n_m, volume_m3, .. } = self.rest[tet];
@@ -155,23 +183,47 @@ impl Kept {
             }
         }
         self.rest.truncate(mesh.tets.len());
+        self.lanes.truncate(mesh.tets.len());
         Ok(())
     }
 
-    /// Whether the tet of this index has the corners and the region that it had. The corners may have other names: a node that was parted has copies.
-    fn is_same(&self, mesh: &TetMesh, tet: usize) -> bool {
-        let Some(before) = self.mesh.tets.get(tet) else { return false };
+    /// By how many places the tet of this index has moved up; `expected` is tried first, and what is not near that is found where as much was taken out as is
+    /// missing now. `None`: it is a new one, or stood before its place, where what is kept has been written over.
+    fn moved(&self, mesh: &TetMesh, regions: &[u32], tet: usize, expected: usize) -> Option<usize> {
+        if self.is_same(mesh, regions, tet, tet + expected) {
+            return Some(expected);
+        }
+        let missing = self.mesh.tets.len().saturating_sub(mesh.tets.len());
+        let mut others = (expected + 1..=expected + LOOK_AHEAD).chain([missing]);
+        others.find(|moved| self.is_same(mesh, regions, tet, tet + moved))
+    }
+
+    /// Whether the tet of this index has the corners and the region that the one of the index `before` had. The corners may have other names: a node that was
+    /// parted has copies.
+    fn is_same(&self, mesh: &TetMesh, regions: &[u32], tet: usize, before: usize) -> bool {
+        let Some(corners) = self.mesh.tets.get(before) else { return false };
         let bits = |mesh: &TetMesh, node: u32| mesh.positions_m[node as usize].map(f32::to_bits);
-        self.mesh.regions.get(tet) == mesh.regions.get(tet)
-            && mesh.tets[tet].iter().zip(before).all(|(&now, &before)| bits(mesh, now) == bits(&self.mesh, before))
+        let is_still = |node: u32| self.is_still.get(node as usize).is_some_and(|is_still| *is_still);
+        let is_there = |(&now, &before): (&u32, &u32)| {
+            // Nearly all of them by two short looks.
+            (now == before && is_still(now)) || bits(mesh, now) == bits(&self.mesh, before)
+        };
+        self.mesh.regions.get(before) == regions.get(tet) && mesh.tets[tet].iter().zip(corners).all(is_there)
+    }
+
+    /// Puts other tets in the places of these, and these in theirs.
+    pub fn swap(&mut self, others: &mut [(usize, Rest, Lane)]) {
+        for (tet, rest, lane) in others {
+            std::mem::swap(&mut self.rest[*tet], rest);
+            std::mem::swap(&mut self.lanes[*tet], lane);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const MARK: f64 = 42.0;
+    use std::ops::Range;
 
     /// Two tets on one face.
     fn pair() -> TetMesh {
@@ -182,39 +234,78 @@ mod tests {
         }
     }
 
-    /// Whether each tet of the mesh that `change` makes is kept from the mesh before.
-    fn kept_after(change: impl Fn(&mut TetMesh)) -> Vec<bool> {
+    /// So many tets in a row, each by itself.
+    fn row(tets: u32) -> TetMesh {
+        let corners = |tet: u32| {
+            [[0.0; 3], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]].map(|[x, y, z]| [x + 0.02 * tet as f32, y, z])
+        };
+        TetMesh {
+            positions_m: (0..tets).flat_map(corners).collect(),
+            tets: (0..tets).map(|tet| [0, 1, 2, 3].map(|corner| 4 * tet + corner)).collect(),
+            regions: vec![0; tets as usize],
+        }
+    }
+
+    /// Which tet of the mesh before each tet of the one that `change` makes is kept from; `None` for one that is made anew.
+    fn kept_after(mut mesh: TetMesh, change: impl Fn(&mut TetMesh)) -> Vec<Option<usize>> {
         let materials = Materials::Same(Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap());
-        let (mut mesh, mut kept) = (pair(), Kept::default());
-        kept.renew(&mesh, &materials, 1.0).unwrap();
-        kept.rest.iter_mut().for_each(|rest| rest.volume_m3 = MARK);
+        let mut kept = Kept::default();
+        kept.renew(&mesh, &mesh.regions, &materials, 1.0).unwrap();
+        for (tet, (rest, lane)) in kept.rest.iter_mut().zip(&mut kept.lanes).enumerate() {
+            (rest.volume_m3, lane.volume) = (1.0 + tet as f64, 1.0 + tet as f32);
+        }
         change(&mut mesh);
-        kept.renew(&mesh, &materials, 1.0).unwrap();
-        kept.rest.iter().map(|rest| rest.volume_m3 == MARK).collect()
+        kept.renew(&mesh, &mesh.regions, &materials, 1.0).unwrap();
+        assert_eq!((kept.rest.len(), kept.lanes.len()), (mesh.tets.len(), mesh.tets.len()));
+        let mark = |(rest, lane): (&Rest, &Lane)| {
+            let is_new = rest.volume_m3 < 1.0;
+            assert!(if is_new { lane.volume < 1.0 } else { f64::from(lane.volume) == rest.volume_m3 }, "another tet's lane");
+            (!is_new).then(|| rest.volume_m3 as usize - 1)
+        };
+        kept.rest.iter().zip(&kept.lanes).map(mark).collect()
+    }
+
+    fn take_out(mesh: &mut TetMesh, tets: Range<usize>) {
+        mesh.tets.drain(tets.clone());
+        mesh.regions.drain(tets);
     }
 
     #[test]
     fn a_tet_is_kept_until_a_corner_moves_or_its_region_changes() {
-        assert_eq!(kept_after(|_| {}), [true, true]);
-        assert_eq!(kept_after(|mesh| mesh.positions_m[4][2] = -0.011), [true, false]);
-        assert_eq!(kept_after(|mesh| mesh.positions_m[0][0] = -0.0), [false, false]);
-        assert_eq!(kept_after(|mesh| mesh.regions[1] = 7), [true, false]);
-        assert_eq!(kept_after(|mesh| mesh.tets[0] = [1, 2, 0, 3]), [false, true]);
+        assert_eq!(kept_after(pair(), |_| {}), [Some(0), Some(1)]);
+        assert_eq!(kept_after(pair(), |mesh| mesh.positions_m[4][2] = -0.011), [Some(0), None]);
+        assert_eq!(kept_after(pair(), |mesh| mesh.positions_m[0][0] = -0.0), [None, None]);
+        assert_eq!(kept_after(pair(), |mesh| mesh.regions[1] = 7), [Some(0), None]);
+        assert_eq!(kept_after(pair(), |mesh| mesh.tets[0] = [1, 2, 0, 3]), [None, Some(1)]);
         // a node that was parted: another name for the same place
         let parted = |mesh: &mut TetMesh| {
             mesh.positions_m.push([0.0; 3]);
             mesh.tets[1][0] = 5;
         };
-        assert_eq!(kept_after(parted), [true, true]);
+        assert_eq!(kept_after(pair(), parted), [Some(0), Some(1)]);
         let grown = |mesh: &mut TetMesh| {
             mesh.tets.push([0, 1, 2, 3]);
             mesh.regions.push(0);
         };
-        assert_eq!(kept_after(grown), [true, true, false]);
-        let burnt = |mesh: &mut TetMesh| {
-            mesh.tets.remove(0);
-            mesh.regions.remove(0);
+        assert_eq!(kept_after(pair(), grown), [Some(0), Some(1), None]);
+    }
+
+    #[test]
+    fn a_tet_is_kept_where_others_before_it_were_burnt() {
+        // Here and there; one that is left has changed, and one is new.
+        let some = |mesh: &mut TetMesh| {
+            mesh.regions[20] = 7;
+            take_out(mesh, 30..33);
+            take_out(mesh, 5..6);
+            mesh.tets.push([1, 2, 0, 3]);
+            mesh.regions.push(0);
         };
-        assert_eq!(kept_after(burnt), [false]);
+        let left = (0..60_usize).filter(|tet| *tet != 5 && !(30..33).contains(tet));
+        let expected: Vec<Option<usize>> = left.map(|tet| (tet != 20).then_some(tet)).chain([None]).collect();
+        assert_eq!(kept_after(row(60), some), expected);
+        // More at once than are looked through.
+        let many = 10..10 + LOOK_AHEAD + 5;
+        let expected: Vec<Option<usize>> = (0..60).filter(|tet| !many.contains(tet)).map(Some).collect();
+        assert_eq!(kept_after(row(60), |mesh| take_out(mesh, many.clone())), expected);
     }
 }

@@ -202,7 +202,8 @@ fn a_surface_that_is_moved_by_the_rows_of_a_step_is_that_of_the_state_which_it_w
     let (rest_m, mut scratch) = (model.rest_m(), Scratch::new(&model));
     let bound = |at: u32| Binding { tet: at % 170, weights: [0.7 - 0.01 * at as f32, 0.01 * at as f32, 0.5, -0.2] };
     let bindings: Vec<Binding> = (0..300).map(bound).collect();
-    let surface = BoundSurface::new(&bindings, model.tets());
+    let mut surface = BoundSurface::new(&bindings[100..], &model.tets()[..50]);
+    surface.fit(&bindings, model.tets());
     // A held node comes from where it must not be, and one goes where it is told.
     let mut position_m = rest_m.to_vec();
     (position_m[0], position_m[20][1]) = ([f32::NAN; 3], position_m[20][1] + 0.001);
