@@ -109,7 +109,22 @@ impl Knife {
         world: &World,
         wire_m: Option<&[[f32; 3]]>,
         stroke: &[u8],
+        nodes: (&[[f32; 3]], &[[f32; 3]]),
+    ) -> Result<Stroke, CutError> {
+        self.sweep_by(world, wire_m, stroke, nodes, || ())
+    }
+
+    /// The same for who wants to know when something is cut, and its parts are yet to be named.
+    ///
+    /// # Errors
+    /// As [`Knife::sweep`].
+    pub fn sweep_by(
+        &mut self,
+        world: &World,
+        wire_m: Option<&[[f32; 3]]>,
+        stroke: &[u8],
         (position_m, velocity_m_s): (&[[f32; 3]], &[[f32; 3]]),
+        passed: impl FnOnce(),
     ) -> Result<Stroke, CutError> {
         self.tissue.wire.clear();
         let Some(wire_m) = wire_m else { return Ok(Stroke::None) };
@@ -151,6 +166,7 @@ impl Knife {
             skin: self.tissue.skin.clone(),
             origin: world.body.origin.clone(),
         };
+        passed();
         let tets = body.rest.tets.len();
         let parted = register_parts(&world.case, &mut body);
         // For want of a number something was burnt.

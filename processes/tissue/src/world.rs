@@ -170,7 +170,7 @@ impl Workshop {
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
-        let mut world = World::with(&workshop.case, body, model)?;
+        let mut world = World::with(&workshop.case, body, model, &mut || ())?;
         world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of an organ that is whole has to.
         world.shut_n();
@@ -180,7 +180,19 @@ impl Workshop {
     /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
-        World::with(&self.case, body, model)
+        World::with(&self.case, body, model, &mut || ())
+    }
+
+    /// The world of a body that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
+    /// alone, without a spare or a successor. Calls `passed` once the model is made, then once the faces and the points of contact are.
+    pub fn make_sound(&mut self, body: Body, passed: &mut impl FnMut()) -> Result<World, Failure> {
+        let (model, _) = self.model(&body)?;
+        passed();
+        let world = World::with(&self.case, body, model, passed)?;
+        match Body::unpack(&world.words, &self.case.room) {
+            Some(_) => Ok(world),
+            None => Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into())),
+        }
     }
 }
 
@@ -212,8 +224,9 @@ impl Body {
 }
 
 impl World {
-    fn with(case: &Arc<Case>, body: Body, model: Model) -> Result<World, Failure> {
-        let (rest, words) = (&body.rest, body.pack());
+    /// Calls `passed` before the body is packed.
+    fn with(case: &Arc<Case>, body: Body, model: Model, passed: &mut impl FnMut()) -> Result<World, Failure> {
+        let rest = &body.rest;
         let topology =
             Topology::new(&rest.tets, &rest.regions, &rest.positions_m).map_err(|error| Failure::Input(error.to_string()))?;
         let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
@@ -225,6 +238,8 @@ impl World {
         let attachments = case.attachments(&body);
         let objects = objects(case, &body, &attachments);
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
+        passed();
+        let words = body.pack();
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
