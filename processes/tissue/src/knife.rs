@@ -207,10 +207,39 @@ pub fn healthy_removed_m3(before: &World, after: &World) -> f64 {
 
 /// How much less is held after a cut, of pathology or of all else, m³.
 fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
-    let held_m3 = |world: &World| {
-        volume_m3(world, |object, record| world.case.is_pathology(&world.body, object) == of_pathology && !record.is_free_piece())
-    };
-    (held_m3(before) - held_m3(after)).max(0.0)
+    let [before_m3, after_m3] = [before, after].map(|world| world.filled().held_m3[usize::from(of_pathology)]);
+    (before_m3 - after_m3).max(0.0)
+}
+
+/// What the tets of a world fill at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct Filled {
+    /// Volume of what something holds, m³: of all else than pathology, and of pathology.
+    held_m3: [f64; 2],
+    /// Whether each tet has a volume.
+    pub is_everywhere: bool,
+}
+
+impl World {
+    /// What its tets fill. Who asks first adds it up: what one cut leaves is what the next one begins with.
+    pub fn filled(&self) -> &Filled {
+        self.filled.get_or_init(|| {
+            let kind = |(object, record): (u32, &ObjectRecord)| {
+                (!record.is_free_piece()).then(|| usize::from(self.case.is_pathology(&self.body, object)))
+            };
+            let kind_of: Vec<Option<usize>> = (0..).zip(&self.objects).map(kind).collect();
+            // The sum of nothing is -0, as that of an iterator.
+            let mut filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
+            for (tet, object) in self.body.rest.tets.iter().zip(&self.body.rest.regions) {
+                let volume_m3 = self.body.volume_m3(*tet);
+                filled.is_everywhere &= volume_m3 > 0.0;
+                if let Some(kind) = kind_of.get(*object as usize).copied().flatten() {
+                    filled.held_m3[kind] += volume_m3;
+                }
+            }
+            filled
+        })
+    }
 }
 
 /// What has come free by a cut, m³: the pathology that is free after it and was held before. What came free as a whole keeps its
@@ -219,13 +248,12 @@ fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
 pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
     let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
     let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
+    let is_of_it = |object: u32| after.case.is_pathology(&after.body, object) && !was_free(object);
+    let freed = |(object, record): (u32, &ObjectRecord)| record.is_free_piece() && is_of_it(object);
+    let is_freed: Vec<bool> = (0..).zip(&after.objects).map(freed).collect();
     // The sum of nothing is -0, of which and 0 the greater has no bits that are sure; it becomes part of the state.
-    let is_freed = |object: u32, record: &ObjectRecord| record.is_free_piece() && !was_free(object);
-    0.0 + volume_m3(after, |object, record| after.case.is_pathology(&after.body, object) && is_freed(object, record))
-}
-
-/// Volume of the objects that are counted, m³.
-fn volume_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
-    let is_counted: Vec<bool> = (0..).zip(&world.objects).map(|(object, record)| is_counted(object, record)).collect();
-    world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
+    if !is_freed.contains(&true) {
+        return 0.0;
+    }
+    0.0 + after.body.volume_where_m3(|object| is_freed.get(object as usize).is_some_and(|is_freed| *is_freed))
 }

@@ -7,6 +7,7 @@ mod roots;
 use crate::body::{Body, Room, version_of};
 use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
+use crate::knife::Filled;
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
@@ -109,6 +110,8 @@ pub struct World {
     pub is_organ_whole: bool,
     /// The forces that hold the cavity shut, once somebody has asked for them.
     pub shut_n: OnceLock<Vec<[f32; 3]>>,
+    /// What its tets fill, once somebody has asked for it.
+    pub filled: OnceLock<Filled>,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -189,10 +192,11 @@ impl Workshop {
         let (model, _) = self.model(&body)?;
         passed();
         let world = World::with(&self.case, body, model, passed)?;
-        match Body::unpack(&world.words, &self.case.room) {
-            Some(_) => Ok(world),
-            None => Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into())),
+        let is_sound = world.body.fits(&self.case.room) && world.filled().is_everywhere;
+        if !is_sound {
+            return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));
         }
+        Ok(world)
     }
 }
 
@@ -248,6 +252,7 @@ impl World {
             version: version_of(&words),
             is_organ_whole: case.closing.is_whole(&body),
             shut_n: OnceLock::new(),
+            filled: OnceLock::new(),
             notes: Vec::new(),
             model,
             topology,
