@@ -4,6 +4,7 @@
 //! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal
 //! words, equal words the same version.
 
+mod order;
 mod parts;
 
 use hyst_mesh::{Binding, TetMesh, signed_volume};
@@ -235,24 +236,6 @@ impl Body {
     /// Volume of a tet at rest, m³.
     pub fn volume_m3(&self, tet: [u32; 4]) -> f64 {
         signed_volume(tet.map(|node| self.rest.positions_m[node as usize].map(f64::from).into()))
-    }
-
-    /// Puts the surface's vertices and triangles into the order of the objects. A triangle between two objects is left out.
-    fn sort_skin(&mut self) {
-        let skin = &self.skin;
-        let object = |vertex: &u32| self.rest.regions[skin.bindings[*vertex as usize].tet as usize];
-        let mut order: Vec<u32> = (0..skin.rest_m.len() as u32).collect();
-        order.sort_by_key(object);
-        let mut number = vec![0u32; order.len()];
-        order.iter().enumerate().for_each(|(new, old)| number[*old as usize] = new as u32);
-        let is_of_one = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| object(vertex) == object(&triangle[0]));
-        let mut triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_one).copied().collect();
-        triangles.sort_by_key(|triangle| object(&triangle[0]));
-        let triangles = triangles.into_iter().map(|triangle| triangle.map(|vertex| number[vertex as usize])).collect();
-        let rest_m = order.iter().map(|old| skin.rest_m[*old as usize]).collect();
-        let bindings = order.iter().map(|old| skin.bindings[*old as usize]).collect();
-        let raw = order.iter().map(|old| skin.raw[*old as usize]).collect();
-        self.skin = Skin { rest_m, triangles, bindings, raw };
     }
 }
 

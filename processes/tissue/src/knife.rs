@@ -8,12 +8,13 @@
 mod tests;
 
 use crate::body::{Body, Piece, Room};
-use crate::world::{Case, World};
+use crate::world::{Case, Held, World};
 use glam::{Quat, Vec3};
+use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
 use hyst_scene::LoadedLoop;
-use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, cut};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -61,6 +62,8 @@ pub enum Stroke {
     Cut {
         /// What it is now.
         body: Box<Body>,
+        /// What holds that.
+        held: Held,
         /// The objects that the cut made in it.
         parted: Vec<Piece>,
         /// As above.
@@ -140,38 +143,64 @@ impl Knife {
             _ => self.tissue.marks.resize(nodes, [0.0; 3]),
         }
         // How far the wire has come is asked in each step of a stroke, the rest only where it cuts.
-        self.tissue.rest.tets.clone_from(&world.body.rest.tets);
-        self.tissue.position_m.clear();
-        self.tissue.position_m.extend_from_slice(position_m);
-        if self.tissue.swept_m(wire_m) < STEP_M {
+        let tissue = &mut self.tissue;
+        copy(&mut tissue.rest.tets, &world.body.rest.tets);
+        tissue.position_m.clear();
+        tissue.position_m.extend_from_slice(position_m);
+        if tissue.swept_m(wire_m) < STEP_M {
             return Ok(Stroke::GoesOn { is_limited: false });
         }
-        self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
-        self.tissue.rest.regions.clone_from(&world.body.rest.regions);
-        self.tissue.material.clone_from(&world.body.material);
-        self.tissue.fixed.clone_from(&world.body.fixed);
-        self.tissue.velocity_m_s.clear();
-        self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
-        self.tissue.skin.clone_from(&world.body.skin);
-        let report = cut(&mut self.tissue, wire_m, &options(&world.case.room)).inspect_err(|_| self.tissue.wire.clear())?;
+        tissue.velocity_m_s.clear();
+        tissue.velocity_m_s.extend_from_slice(velocity_m_s);
+        copy_all(tissue, &world.body);
+        let report = cut(tissue, wire_m, &options(&world.case.room));
+        let report = report.inspect_err(|_| self.tissue.wire.clear())?;
         // Faces that stay closed are no limit: at the front of every cut there are some.
         let is_limited = report.out_of_room > 0;
         if !report.has_changed() {
             return Ok(Stroke::GoesOn { is_limited });
         }
-        let mut body = Body {
-            rest: self.tissue.rest.clone(),
-            material: self.tissue.material.clone(),
-            fixed: self.tissue.fixed.clone(),
-            skin: self.tissue.skin.clone(),
-            origin: world.body.origin.clone(),
-        };
+        let mut body = handed_over(&mut self.tissue, &world.body);
         passed();
-        let tets = body.rest.tets.len();
-        let parted = register_parts(&world.case, &mut body);
+        let (tets, part_of_tet) = (body.rest.tets.len(), component_of_each_tet(&body.rest));
+        let (parted, held) = register_parts(&world.case, &mut body, &part_of_tet);
         // For want of a number something was burnt.
         let is_limited = is_limited || body.rest.tets.len() < tets;
-        Ok(Stroke::Cut { body: Box::new(body), parted, is_limited })
+        Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited })
+    }
+}
+
+/// A cut adds hardly more than this share of what there is.
+const ADDED: usize = 8;
+
+/// Copies a list that was handed over with the last cut, and makes room for what one adds, so that it is not copied once more for that.
+fn copy<T: Copy>(to: &mut Vec<T>, from: &[T]) {
+    to.clear();
+    to.reserve(from.len() + from.len() / ADDED);
+    to.extend_from_slice(from);
+}
+
+/// Copies what a cut may change of a body, all but the tets.
+fn copy_all(tissue: &mut Cuttable, body: &Body) {
+    copy(&mut tissue.rest.positions_m, &body.rest.positions_m);
+    copy(&mut tissue.rest.regions, &body.rest.regions);
+    copy(&mut tissue.material, &body.material);
+    copy(&mut tissue.fixed, &body.fixed);
+    let Skin { rest_m, triangles, bindings, raw } = &mut tissue.skin;
+    copy(rest_m, &body.skin.rest_m);
+    copy(triangles, &body.skin.triangles);
+    copy(bindings, &body.skin.bindings);
+    copy(raw, &body.skin.raw);
+}
+
+/// What a cut has left of a body, which takes the lists along.
+fn handed_over(tissue: &mut Cuttable, before: &Body) -> Body {
+    Body {
+        rest: std::mem::take(&mut tissue.rest),
+        material: std::mem::take(&mut tissue.material),
+        fixed: std::mem::take(&mut tissue.fixed),
+        skin: std::mem::take(&mut tissue.skin),
+        origin: before.origin.clone(),
     }
 }
 
@@ -185,11 +214,13 @@ fn options(room: &Room) -> CutOptions {
     }
 }
 
-/// Makes objects of the parts of a body that hang together no more.
-pub fn register_parts(case: &Case, body: &mut Body) -> Vec<Piece> {
-    let mut is_held = case.held_nodes(body);
-    case.attachments(body).iter().for_each(|held| is_held[held.node as usize] = true);
-    body.register_parts(|node| is_held[node as usize], &case.room)
+/// Makes objects of the parts of a body that hang together no more, of which each tet has the number of its own; gives them, and what holds the body then.
+pub fn register_parts(case: &Case, body: &mut Body, part_of_tet: &[u32]) -> (Vec<Piece>, Held) {
+    let (tets, held) = (body.rest.tets.len(), case.held(body));
+    let parted = body.register_parts(part_of_tet, |node| held.is_rooted[node as usize], &case.room);
+    // A part is held by the same whatever its name is, but what is burnt holds nothing.
+    let held = if body.rest.tets.len() < tets { case.held(body) } else { held };
+    (parted, held)
 }
 
 /// What a cut has removed, m³: how much less pathology is held than before, whether it has come free or is burnt. What is burnt of other tissue is none of

@@ -126,9 +126,9 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, cuts: &mut Cuts) ->
         let nodes = (&positions_m[..], &velocities_m_s[..]);
         let before: &[u8] = bytemuck::cast_slice(&stroke);
         let swept = electrode.sweep_by(&world, Some(&wire_m[..]), before, nodes, || laps.pass()).map_err(text)?;
-        if let Stroke::Cut { body, parted, .. } = swept {
+        if let Stroke::Cut { body, held, parted, .. } = swept {
             laps.pass();
-            let made = workshop.make_sound(*body, &mut || laps.pass());
+            let made = workshop.make_sound(*body, Some(held), &mut || laps.pass());
             match made {
                 Ok(next) => {
                     laps.pass();

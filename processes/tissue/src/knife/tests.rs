@@ -118,7 +118,8 @@ fn drawn(workshop: &mut Workshop, mut world: World, wires: &[[[f32; 3]; 3]], loo
     for wire_m in wires {
         let nodes = (&positions_m[..], &velocities_m_s[..]);
         let swept = knife.sweep(&world, Some(&wire_m[..]), bytemuck::cast_slice(&stroke), nodes).unwrap();
-        if let Stroke::Cut { body, .. } = swept {
+        if let Stroke::Cut { body, held, .. } = swept {
+            assert_eq!(held, world.case.held(&body), "it is handed over with what holds it");
             match workshop.make(*body) {
                 Ok(next) => {
                     (world, sweeps) = (next, sweeps + 1);

@@ -93,7 +93,7 @@ impl MainLoop<'_> {
 
     /// The world of a mesh that this process has changed, if everybody would take it.
     pub(super) fn made(&mut self, body: Body) -> Result<World, Failure> {
-        self.workshop.make_sound(body, &mut || ())
+        self.workshop.make_sound(body, None, &mut || ())
     }
 
     /// Goes on with another world; what was made for the one before is made anew.
@@ -138,7 +138,7 @@ impl MainLoop<'_> {
         let refused = match swept {
             Ok(Stroke::None) => return Ok(Change::default()),
             Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
-            Ok(Stroke::Cut { body, parted, is_limited }) => match self.made(*body) {
+            Ok(Stroke::Cut { body, held, parted, is_limited }) => match self.workshop.make_sound(*body, Some(held), &mut || ()) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);

@@ -5,6 +5,7 @@ use super::pieces::{middle_m, part, parted};
 use super::*;
 use crate::body::{Body, Piece};
 use crate::knife::{freed_m3, healthy_removed_m3, register_parts, removed_m3};
+use hyst_mesh::component_of_each_tet;
 use std::sync::OnceLock;
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
@@ -27,7 +28,8 @@ fn burnt(world: &World, is_burnt: impl Fn(usize) -> bool) -> (Body, Vec<Piece>) 
     let mut marked = world.body.clone();
     (0..).zip(&mut marked.rest.regions).filter(|(tet, _)| is_burnt(*tet)).for_each(|(_, region)| *region = ASH);
     let mut left = marked.without(ASH);
-    let parted = register_parts(&world.case, &mut left);
+    let part_of_tet = component_of_each_tet(&left.rest);
+    let (parted, _) = register_parts(&world.case, &mut left, &part_of_tet);
     (left, parted)
 }
 
