@@ -172,7 +172,10 @@ impl Body {
         let counts @ [nodes, tets, vertices, _, objects] = self.counts();
         let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
         // Without an early end, so that it is a few instructions for each line of memory.
-        let in_range = |indices: &[u32], count: usize| indices.iter().fold(true, |all, index| all & ((*index as usize) < count));
+        let in_range = |indices: &[u32], count: usize| {
+            let count = u32::try_from(count).unwrap_or(u32::MAX);
+            indices.iter().fold(true, |all, index| all & (*index < count))
+        };
         let are_finite = |values: &[f32]| values.iter().fold(true, |all, value| all & value.is_finite());
         let is_bound = |binding: &Binding| ((binding.tet as usize) < tets) & are_finite(&binding.weights);
         let is_once = |[a, b, c, d]: &[u32; 4]| (a != b) & (a != c) & (a != d) & (b != c) & (b != d) & (c != d);

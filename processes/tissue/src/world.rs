@@ -294,7 +294,8 @@ fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
     let count = body.origin.len();
     let mut held = vec![false; count];
     for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-        held[*object as usize] |= tet.iter().any(|node| is_rooted[*node as usize]);
+        let is_held = &mut held[*object as usize];
+        *is_held = *is_held || tet.iter().any(|node| is_rooted[*node as usize]);
     }
     let mut counts = vec![[[0u32; 2]; 4]; count];
     let mut note = |what: usize, object: u32, first: u32, number: u32| {
