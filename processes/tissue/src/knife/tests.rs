@@ -164,6 +164,16 @@ fn assert_registered(world: &World, what: &str) {
         world.body.volume_where_m3(|object| is_held(object) && is_of_it(object))
     });
     assert_eq!((world.filled().held_m3, world.filled().is_everywhere), (held_m3, true), "{what}: what is held");
+    let free = world.objects.iter().filter(|object| object.is_free_piece() && object.tets[1] > 0);
+    let free: Vec<(u32, f64)> = free.map(|object| (object.id, world.body.volume_of_m3(object.id))).collect();
+    let drifters: Vec<(u32, f64)> = world.drifters.iter().map(|drifter| (drifter.object(), drifter.volume_m3())).collect();
+    assert_eq!(drifters, free, "{what}: what drifts");
+    for drifter in &world.drifters {
+        let nodes: Vec<[f32; 3]> = drifter.places(&rest.positions_m).copied().collect();
+        let owners = rest.positions_m.iter().zip(world.body.owners());
+        let own: Vec<[f32; 3]> = owners.filter(|(_, owner)| *owner == Some(drifter.object())).map(|(place, _)| *place).collect();
+        assert_eq!(nodes, own, "{what}: nodes of object {}", drifter.object());
+    }
 }
 
 /// Each object's place in the common arrays is that of its first node, tet, vertex and triangle, and of as many as it has.
