@@ -238,7 +238,7 @@ pub fn healthy_removed_m3(before: &World, after: &World) -> f64 {
 
 /// How much less is held after a cut, of pathology or of all else, m³.
 fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
-    let [before_m3, after_m3] = [before, after].map(|world| world.filled().held_m3[usize::from(of_pathology)]);
+    let [before_m3, after_m3] = [before, after].map(|world| world.filled.held_m3[usize::from(of_pathology)]);
     (before_m3 - after_m3).max(0.0)
 }
 
@@ -251,25 +251,44 @@ pub struct Filled {
     pub is_everywhere: bool,
 }
 
-impl World {
-    /// What its tets fill. Who asks first adds it up: what one cut leaves is what the next one begins with.
-    pub fn filled(&self) -> &Filled {
-        self.filled.get_or_init(|| {
-            let kind = |(object, record): (u32, &ObjectRecord)| {
-                (!record.is_free_piece()).then(|| usize::from(self.case.is_pathology(&self.body, object)))
-            };
-            let kind_of: Vec<Option<usize>> = (0..).zip(&self.objects).map(kind).collect();
-            // The sum of nothing is -0, as that of an iterator.
-            let mut filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
-            for (tet, object) in self.body.rest.tets.iter().zip(&self.body.rest.regions) {
-                let volume_m3 = self.body.volume_m3(*tet);
-                filled.is_everywhere &= volume_m3 > 0.0;
-                if let Some(kind) = kind_of.get(*object as usize).copied().flatten() {
-                    filled.held_m3[kind] += volume_m3;
-                }
-            }
-            filled
-        })
+/// Adds up what the tets of a body fill, one after the other.
+pub struct Filling<'a> {
+    body: &'a Body,
+    /// For each object the place of its sum, if it is held.
+    place_of: Vec<Option<usize>>,
+    /// The next tet.
+    next: usize,
+    filled: Filled,
+}
+
+impl<'a> Filling<'a> {
+    /// Of a body with these objects.
+    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord]) -> Filling<'a> {
+        let place = |(object, record): (u32, &ObjectRecord)| {
+            (!record.is_free_piece()).then(|| usize::from(case.is_pathology(body, object)))
+        };
+        // The sum of nothing is -0, as that of an iterator.
+        let filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
+        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled }
+    }
+
+    /// Adds the next tet; false behind the last one.
+    pub fn add(&mut self) -> bool {
+        let rest = &self.body.rest;
+        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
+        let volume_m3 = self.body.volume_m3(*tet);
+        self.filled.is_everywhere &= volume_m3 > 0.0;
+        if let Some(place) = self.place_of.get(*object as usize).copied().flatten() {
+            self.filled.held_m3[place] += volume_m3;
+        }
+        self.next += 1;
+        true
+    }
+
+    /// Adds what is left.
+    pub fn ended(mut self) -> Filled {
+        while self.add() {}
+        self.filled
     }
 }
 

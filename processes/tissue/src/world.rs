@@ -4,10 +4,10 @@ mod case;
 mod model;
 mod roots;
 
-use crate::body::{Body, Room, version_of};
+use crate::body::{Body, Room, version_beside};
 use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
-use crate::knife::Filled;
+use crate::knife::{Filled, Filling};
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
@@ -111,8 +111,8 @@ pub struct World {
     pub is_organ_whole: bool,
     /// The forces that hold the cavity shut, once somebody has asked for them.
     pub shut_n: OnceLock<Vec<[f32; 3]>>,
-    /// What its tets fill, once somebody has asked for it.
-    pub filled: OnceLock<Filled>,
+    /// What its tets fill.
+    pub filled: Filled,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -194,7 +194,7 @@ impl Workshop {
         let (model, _) = self.model(&body)?;
         passed();
         let world = World::with(&self.case, body, model, held, passed)?;
-        let is_sound = world.body.fits(&self.case.room) && world.filled().is_everywhere;
+        let is_sound = world.body.fits(&self.case.room) && world.filled.is_everywhere;
         if !is_sound {
             return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));
         }
@@ -245,15 +245,20 @@ impl World {
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         passed();
         let words = body.pack();
+        let mut filling = Filling::of(case, &body, &objects);
+        let version = version_beside(&words, || {
+            filling.add();
+        });
+        let filled = filling.ended();
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
             points,
             objects,
-            version: version_of(&words),
+            version,
             is_organ_whole: case.closing.is_whole(&body),
             shut_n: OnceLock::new(),
-            filled: OnceLock::new(),
+            filled,
             notes: Vec::new(),
             model,
             topology,

@@ -163,7 +163,7 @@ fn assert_registered(world: &World, what: &str) {
         let is_of_it = |object: u32| world.case.is_pathology(&world.body, object) == of_pathology;
         world.body.volume_where_m3(|object| is_held(object) && is_of_it(object))
     });
-    assert_eq!((world.filled().held_m3, world.filled().is_everywhere), (held_m3, true), "{what}: what is held");
+    assert_eq!((world.filled.held_m3, world.filled.is_everywhere), (held_m3, true), "{what}: what is held");
     let free = world.objects.iter().filter(|object| object.is_free_piece() && object.tets[1] > 0);
     let free: Vec<(u32, f64)> = free.map(|object| (object.id, world.body.volume_of_m3(object.id))).collect();
     let drifters: Vec<(u32, f64)> = world.drifters.iter().map(|drifter| (drifter.object(), drifter.volume_m3())).collect();
