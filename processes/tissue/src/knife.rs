@@ -170,7 +170,7 @@ impl Knife {
     }
 }
 
-/// A cut adds hardly more than this share of what there is.
+/// A list has room for one more of so many: most cuts add fewer.
 const ADDED: usize = 8;
 
 /// Copies a list that was handed over with the last cut, and makes room for what one adds, so that it is not copied once more for that.
