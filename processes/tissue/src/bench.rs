@@ -178,11 +178,13 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     Ok((row, targets))
 }
 
-/// Cuts as the Main Loop makes them, with all that is made anew for them, in strokes through some places: how long they take, how many there are and how many
-/// were refused. And whether half of them, and 95 of 100, take no longer than they may.
+/// Cuts as the Main Loop makes them, with all that is made anew for them, in strokes through some places: how long they take, and of each stage half of them,
+/// how many there are and how many were refused. And whether half of them, and 95 of 100, take no longer than they may.
 fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64) -> Result<(Value, [Value; 2]), String> {
     let tets: usize = scene.objects.iter().map(|object| object.mesh.tets.len()).sum();
-    let (mut times_ns, refused) = knife::whole(scene, Isa::detect(), places)?;
+    let knife::Cuts { whole_ns: mut times_ns, mut stages_ns, refused } = knife::whole(scene, Isa::detect(), places)?;
+    let stage = |(name, times_ns): (&str, &mut Vec<u64>)| (name.to_owned(), json!(quantile_ns(times_ns, 0.5) / US));
+    let stages_us: Map<String, Value> = knife::STAGES.into_iter().zip(&mut stages_ns).map(stage).collect();
     let mut us = spread(&mut times_ns, US);
     us["p95"] = json!(quantile_ns(&mut times_ns, 0.95) / US);
     let targets = [("of half of them", 0.5), ("of 95 in 100", 0.95)].map(|(of, share)| {
@@ -190,7 +192,7 @@ fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64) -> Result<(Value, [Va
         let whole_ms = if times_ns.is_empty() { f64::NAN } else { quantile_ns(&mut times_ns, share) / 1e6 };
         target(&format!("a cut of {tets} tets with all that is made anew, ms, {of}"), whole_ms, most_ms, false)
     });
-    Ok((json!({ "us": us, "cuts": times_ns.len(), "refused": refused }), targets))
+    Ok((json!({ "us": us, "stages_us": stages_us, "cuts": times_ns.len(), "refused": refused }), targets))
 }
 
 /// The scene with a tool of so many points.

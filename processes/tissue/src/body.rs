@@ -4,6 +4,7 @@
 //! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal
 //! words, equal words the same version.
 
+mod order;
 mod parts;
 
 use hyst_mesh::{Binding, TetMesh, signed_volume};
@@ -91,22 +92,26 @@ pub struct Body {
 }
 
 impl Body {
+    /// Nodes, tets, vertices and triangles of the surface, objects.
+    fn counts(&self) -> [usize; COUNTS] {
+        let (rest, skin) = (&self.rest, &self.skin);
+        [rest.positions_m.len(), rest.tets.len(), skin.rest_m.len(), skin.triangles.len(), self.origin.len()]
+    }
+
     /// As words, which are what a state carries.
     pub fn pack(&self) -> Vec<u32> {
-        let counts = [
-            self.rest.positions_m.len(),
-            self.rest.tets.len(),
-            self.skin.rest_m.len(),
-            self.skin.triangles.len(),
-            self.origin.len(),
-        ];
+        let counts = self.counts();
         let mut words = Vec::with_capacity(words_of(&counts));
         words.extend(counts.map(|count| count as u32));
         words.extend_from_slice(bytemuck::cast_slice(&self.rest.positions_m));
         words.extend(self.fixed.iter().map(|fixed| u32::from(*fixed)));
         words.extend_from_slice(self.rest.tets.as_flattened());
-        let made_of = |tet: usize| self.material.get(tet).map_or(0, |material| material << OBJECT_BITS);
-        words.extend(self.rest.regions.iter().enumerate().map(|(tet, object)| object | made_of(tet)));
+        if self.material.is_empty() {
+            words.extend_from_slice(&self.rest.regions);
+        } else {
+            let kinds = self.rest.regions.iter().zip(&self.material);
+            words.extend(kinds.map(|(object, material)| object | material << OBJECT_BITS));
+        }
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.rest_m));
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.bindings));
         words.extend(self.skin.raw.chunks(u32::BITS as usize).map(word_of_flags));
@@ -119,11 +124,10 @@ impl Body {
     pub fn unpack(words: &[u32], room: &Room) -> Option<Body> {
         let (counts, mut rest) = words.split_at_checked(COUNTS)?;
         let counts: [usize; COUNTS] = std::array::from_fn(|index| counts[index] as usize);
-        let [nodes, tets, vertices, triangles, objects] = counts;
-        let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
-        if counts.iter().zip(most).any(|(count, most)| *count > most) || words.len() != words_of(&counts) {
+        if words.len() != words_of(&counts) {
             return None;
         }
+        let [nodes, tets, vertices, triangles, objects] = counts;
         let mut take = |count: usize| {
             let (part, left) = rest.split_at(count);
             rest = left;
@@ -133,41 +137,60 @@ impl Body {
         let fixed = take(nodes).iter().map(|word| *word != 0).collect();
         let corners: &[[u32; 4]] = bytemuck::cast_slice(take(4 * tets));
         let kinds = take(tets);
-        let regions: Vec<u32> = kinds.iter().map(|kind| kind & ((1 << OBJECT_BITS) - 1)).collect();
-        let mut material: Vec<u32> = kinds.iter().map(|kind| kind >> OBJECT_BITS).collect();
+        let regions = kinds.iter().map(|kind| kind & ((1 << OBJECT_BITS) - 1)).collect();
+        let material = kinds.iter().map(|kind| kind >> OBJECT_BITS).collect();
         let skin_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * vertices));
         let bindings: &[Binding] = bytemuck::cast_slice(take(5 * vertices));
         let raw = flags_of_words(take(bits_of(vertices)), vertices)?;
         let faces: &[[u32; 3]] = bytemuck::cast_slice(take(3 * triangles));
-        let origin = take(objects);
-        let in_range = |indices: &[u32], count: usize| indices.iter().all(|index| (*index as usize) < count);
-        let is_finite = |points: &[[f32; 3]]| points.as_flattened().iter().all(|value| value.is_finite());
-        let is_bound =
-            |binding: &Binding| (binding.tet as usize) < tets && binding.weights.iter().all(|weight| weight.is_finite());
-        // What a cut and a model refuse, and what a bit that flips in a place or a name can make of a tet.
-        let is_tet = |tet: &[u32; 4]| {
-            let is_once = (1..4).all(|place| !tet[..place].contains(&tet[place]));
-            is_once && signed_volume(tet.map(|node| positions_m[node as usize].map(f64::from).into())) > 0.0
-        };
-        let is_sound = in_range(corners.as_flattened(), nodes)
-            && in_range(&regions, objects)
-            && in_range(&material, room.regions + 1)
-            && in_range(faces.as_flattened(), vertices)
-            && in_range(origin, objects)
-            && is_finite(positions_m)
-            && is_finite(skin_m)
-            && bindings.iter().all(is_bound)
-            && corners.iter().all(is_tet);
-        if room.regions == 0 {
-            material.clear();
-        }
-        is_sound.then(|| Body {
+        let mut body = Body {
             rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions },
             material,
             fixed,
             skin: Skin { rest_m: skin_m.to_vec(), triangles: faces.to_vec(), bindings: bindings.to_vec(), raw },
-            origin: origin.to_vec(),
-        })
+            origin: take(objects).to_vec(),
+        };
+        if !body.is_sound(room) {
+            return None;
+        }
+        if room.regions == 0 {
+            body.material.clear();
+        }
+        Some(body)
+    }
+
+    /// Whether everybody takes it who is sent its words: it has nothing that a cut or a model refuses, nor what a bit that flips in a place or a name can make
+    /// of a tet.
+    pub fn is_sound(&self, room: &Room) -> bool {
+        self.fits(room) && self.rest.tets.iter().all(|tet| self.volume_m3(*tet) > 0.0)
+    }
+
+    /// The same but for the volume of its tets: whether there is room for it, its lists fit each other, indices are in range and numbers finite, and no tet has
+    /// a node twice.
+    pub fn fits(&self, room: &Room) -> bool {
+        let Body { rest, material, fixed, skin, origin } = self;
+        let counts @ [nodes, tets, vertices, _, objects] = self.counts();
+        let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
+        // Without an early end, so that it is a few instructions for each line of memory.
+        let in_range = |indices: &[u32], count: usize| {
+            let count = u32::try_from(count).unwrap_or(u32::MAX);
+            indices.iter().fold(true, |all, index| all & (*index < count))
+        };
+        let are_finite = |values: &[f32]| values.iter().fold(true, |all, value| all & value.is_finite());
+        let is_bound = |binding: &Binding| ((binding.tet as usize) < tets) & are_finite(&binding.weights);
+        let is_once = |[a, b, c, d]: &[u32; 4]| (a != b) & (a != c) & (a != d) & (b != c) & (b != d) & (c != d);
+        counts.iter().zip(most).all(|(count, most)| *count <= most)
+            && [fixed.len(), rest.regions.len(), skin.bindings.len(), skin.raw.len()] == [nodes, tets, vertices, vertices]
+            && (material.is_empty() || material.len() == tets)
+            && in_range(rest.tets.as_flattened(), nodes)
+            && in_range(&rest.regions, objects)
+            && in_range(material, room.regions + 1)
+            && in_range(skin.triangles.as_flattened(), vertices)
+            && in_range(origin, objects)
+            && are_finite(rest.positions_m.as_flattened())
+            && are_finite(skin.rest_m.as_flattened())
+            && skin.bindings.iter().fold(true, |all, binding| all & is_bound(binding))
+            && rest.tets.iter().fold(true, |all, tet| all & is_once(tet))
     }
 
     /// The object of each node, `None` for those that no tet uses.
@@ -213,32 +236,27 @@ impl Body {
         tets.map(|tet| for_each_m3(tet) * self.volume_m3(self.rest.tets[tet])).sum()
     }
 
-    fn volume_m3(&self, tet: [u32; 4]) -> f64 {
+    /// Volume of a tet at rest, m³.
+    pub fn volume_m3(&self, tet: [u32; 4]) -> f64 {
         signed_volume(tet.map(|node| self.rest.positions_m[node as usize].map(f64::from).into()))
-    }
-
-    /// Puts the surface's vertices and triangles into the order of the objects. A triangle between two objects is left out.
-    fn sort_skin(&mut self) {
-        let skin = &self.skin;
-        let object = |vertex: &u32| self.rest.regions[skin.bindings[*vertex as usize].tet as usize];
-        let mut order: Vec<u32> = (0..skin.rest_m.len() as u32).collect();
-        order.sort_by_key(object);
-        let mut number = vec![0u32; order.len()];
-        order.iter().enumerate().for_each(|(new, old)| number[*old as usize] = new as u32);
-        let is_of_one = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| object(vertex) == object(&triangle[0]));
-        let mut triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_one).copied().collect();
-        triangles.sort_by_key(|triangle| object(&triangle[0]));
-        let triangles = triangles.into_iter().map(|triangle| triangle.map(|vertex| number[vertex as usize])).collect();
-        let rest_m = order.iter().map(|old| skin.rest_m[*old as usize]).collect();
-        let bindings = order.iter().map(|old| skin.bindings[*old as usize]).collect();
-        let raw = order.iter().map(|old| skin.raw[*old as usize]).collect();
-        self.skin = Skin { rest_m, triangles, bindings, raw };
     }
 }
 
 /// The version of a body's words; never 0.
 pub fn version_of(words: &[u32]) -> u32 {
-    let hash = fnv_words(0, words.iter().map(|word| u64::from(*word)));
+    version_beside(words, || ())
+}
+
+/// Words of a version between which there is time for something else.
+const BESIDE: usize = 8;
+
+/// The same for who has something to do beside it, a little at a time: each word waits for the one before, and most of the core for that.
+pub fn version_beside(words: &[u32], mut beside: impl FnMut()) -> u32 {
+    let blocks = words.chunks(BESIDE).flat_map(|block| {
+        beside();
+        block.iter().map(|word| u64::from(*word))
+    });
+    let hash = fnv_words(0, blocks);
     ((hash ^ (hash >> 32)) as u32).max(1)
 }
 
@@ -291,6 +309,57 @@ mod tests {
         assert!(refused(words.len() - 1, 2), "an object's origin");
         assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
         assert!(Body::unpack(&words, &Room { nodes: 8, ..room() }).is_none(), "no room");
+    }
+
+    #[test]
+    fn a_version_is_that_of_all_words_whatever_is_done_beside_it() {
+        for length in [0, 1, BESIDE, 5 * BESIDE + 3] {
+            let words: Vec<u32> = (1..=length as u32).map(|word| word.wrapping_mul(2_654_435_761)).collect();
+            let hash = fnv_words(0, words.iter().map(|word| u64::from(*word)));
+            let mut times = 0;
+            let version = version_beside(&words, || times += 1);
+            assert_eq!((version, times), (((hash ^ (hash >> 32)) as u32).max(1), length.div_ceil(BESIDE)), "{length} words");
+            assert_eq!(version_of(&words), version);
+        }
+    }
+
+    /// A body in which something is spoilt.
+    fn spoilt(spoil: impl Fn(&mut Body)) -> Body {
+        let mut body = body();
+        spoil(&mut body);
+        body
+    }
+
+    #[test]
+    fn a_body_is_sound_where_its_words_are_one_for_others() {
+        let bodies = [
+            body(),
+            spoilt(|body| body.material = vec![0, 1, 2]),
+            spoilt(|body| body.material = vec![0, 4, 1]),
+            spoilt(|body| body.rest.regions[2] = 2),
+            spoilt(|body| body.rest.tets[2][1] = 9),
+            spoilt(|body| body.rest.tets[2][1] = 4),
+            spoilt(|body| body.rest.tets[2].swap(0, 1)),
+            spoilt(|body| body.rest.positions_m[2][1] = f32::NAN),
+            spoilt(|body| body.rest.positions_m[0] = [0.0, 0.0, 1.0]),
+            spoilt(|body| body.skin.rest_m[5][2] = f32::INFINITY),
+            spoilt(|body| body.skin.bindings[3].tet = 3),
+            spoilt(|body| body.skin.bindings[3].weights[3] = f32::NAN),
+            spoilt(|body| body.skin.triangles[1][2] = 6),
+            spoilt(|body| body.origin[0] = 2),
+        ];
+        let room = Room { regions: 3, ..room() };
+        let is_sound: Vec<bool> = bodies.iter().map(|body| body.is_sound(&room)).collect();
+        let is_taken: Vec<bool> = bodies.iter().map(|body| Body::unpack(&body.pack(), &room).is_some()).collect();
+        assert_eq!(is_sound, is_taken);
+        assert_eq!(is_sound, (0..bodies.len()).map(|place| place < 2).collect::<Vec<bool>>());
+        for small in
+            [Room { nodes: 8, ..room }, Room { tets: 2, ..room }, Room { vertices: 5, ..room }, Room { triangles: 1, ..room }]
+        {
+            assert!(!bodies[0].is_sound(&small) && Body::unpack(&bodies[0].pack(), &small).is_none(), "{small:?}");
+        }
+        assert!(!spoilt(|body| body.fixed.truncate(8)).is_sound(&room), "a node of which nobody says whether it is held");
+        assert!(!spoilt(|body| body.skin.raw.truncate(5)).is_sound(&room), "a vertex without a flag");
     }
 
     #[test]

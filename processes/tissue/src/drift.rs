@@ -75,23 +75,32 @@ impl Drag {
 impl Drifter {
     /// Those of a body in a medium; `density_kg_m3` is asked for each object.
     pub fn of(objects: &[ObjectRecord], body: &Body, bath: &Bath, density_kg_m3: impl Fn(u32) -> f64) -> Vec<Drifter> {
-        let free = objects.iter().filter(|object| object.is_free_piece());
-        let drifter = |object: &ObjectRecord| {
-            let (volume_m3, density_kg_m3) = (body.volume_of_m3(object.id), density_kg_m3(object.id));
-            let (weight_n_kg, drag) = (bath.weight_n_kg(density_kg_m3), bath.drag(volume_m3, density_kg_m3));
-            Drifter { object: object.id, nodes: Vec::new(), volume_m3, weight_n_kg, drag }
-        };
-        let is_there = |object: &&ObjectRecord| object.tets[1] > 0;
-        let mut drifters: Vec<Drifter> = free.filter(is_there).map(drifter).collect();
-        if drifters.is_empty() {
-            return drifters;
+        let is_there = |object: &&ObjectRecord| object.is_free_piece() && object.tets[1] > 0;
+        let pieces: Vec<u32> = objects.iter().filter(is_there).map(|object| object.id).collect();
+        if pieces.is_empty() {
+            return Vec::new();
         }
-        for (node, owner) in body.owners().into_iter().enumerate() {
-            if let Some(drifter) = drifters.iter_mut().find(|drifter| Some(drifter.object) == owner) {
-                drifter.nodes.push(node as u32);
+        // One look at all tets and nodes, and not one for each piece.
+        let mut place_of: Vec<Option<usize>> = vec![None; body.origin.len()];
+        pieces.iter().enumerate().for_each(|(place, object)| place_of[*object as usize] = Some(place));
+        let mut volumes_m3 = vec![0.0; pieces.len()];
+        for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+            if let Some(place) = place_of[*object as usize] {
+                volumes_m3[place] += body.volume_m3(*tet);
             }
         }
-        drifters
+        let mut nodes: Vec<Vec<u32>> = vec![Vec::new(); pieces.len()];
+        for (node, owner) in (0..).zip(body.owners()) {
+            if let Some(place) = owner.and_then(|owner| place_of[owner as usize]) {
+                nodes[place].push(node);
+            }
+        }
+        let drifter = |((object, volume_m3), nodes): ((u32, f64), Vec<u32>)| {
+            let density_kg_m3 = density_kg_m3(object);
+            let (weight_n_kg, drag) = (bath.weight_n_kg(density_kg_m3), bath.drag(volume_m3, density_kg_m3));
+            Drifter { object, nodes, volume_m3, weight_n_kg, drag }
+        };
+        pieces.into_iter().zip(volumes_m3).zip(nodes).map(drifter).collect()
     }
 
     /// Its object.

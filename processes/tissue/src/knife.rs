@@ -8,12 +8,13 @@
 mod tests;
 
 use crate::body::{Body, Piece, Room};
-use crate::world::{Case, World};
+use crate::world::{Case, Held, World};
 use glam::{Quat, Vec3};
+use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
 use hyst_scene::LoadedLoop;
-use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, cut};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -61,6 +62,8 @@ pub enum Stroke {
     Cut {
         /// What it is now.
         body: Box<Body>,
+        /// What holds that.
+        held: Held,
         /// The objects that the cut made in it.
         parted: Vec<Piece>,
         /// As above.
@@ -109,7 +112,22 @@ impl Knife {
         world: &World,
         wire_m: Option<&[[f32; 3]]>,
         stroke: &[u8],
+        nodes: (&[[f32; 3]], &[[f32; 3]]),
+    ) -> Result<Stroke, CutError> {
+        self.sweep_by(world, wire_m, stroke, nodes, || ())
+    }
+
+    /// The same for who wants to know when something is cut, and its parts are yet to be named.
+    ///
+    /// # Errors
+    /// As [`Knife::sweep`].
+    pub fn sweep_by(
+        &mut self,
+        world: &World,
+        wire_m: Option<&[[f32; 3]]>,
+        stroke: &[u8],
         (position_m, velocity_m_s): (&[[f32; 3]], &[[f32; 3]]),
+        passed: impl FnOnce(),
     ) -> Result<Stroke, CutError> {
         self.tissue.wire.clear();
         let Some(wire_m) = wire_m else { return Ok(Stroke::None) };
@@ -125,37 +143,64 @@ impl Knife {
             _ => self.tissue.marks.resize(nodes, [0.0; 3]),
         }
         // How far the wire has come is asked in each step of a stroke, the rest only where it cuts.
-        self.tissue.rest.tets.clone_from(&world.body.rest.tets);
-        self.tissue.position_m.clear();
-        self.tissue.position_m.extend_from_slice(position_m);
-        if self.tissue.swept_m(wire_m) < STEP_M {
+        let tissue = &mut self.tissue;
+        copy(&mut tissue.rest.tets, &world.body.rest.tets);
+        tissue.position_m.clear();
+        tissue.position_m.extend_from_slice(position_m);
+        if tissue.swept_m(wire_m) < STEP_M {
             return Ok(Stroke::GoesOn { is_limited: false });
         }
-        self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
-        self.tissue.rest.regions.clone_from(&world.body.rest.regions);
-        self.tissue.material.clone_from(&world.body.material);
-        self.tissue.fixed.clone_from(&world.body.fixed);
-        self.tissue.velocity_m_s.clear();
-        self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
-        self.tissue.skin.clone_from(&world.body.skin);
-        let report = cut(&mut self.tissue, wire_m, &options(&world.case.room)).inspect_err(|_| self.tissue.wire.clear())?;
+        tissue.velocity_m_s.clear();
+        tissue.velocity_m_s.extend_from_slice(velocity_m_s);
+        copy_all(tissue, &world.body);
+        let report = cut(tissue, wire_m, &options(&world.case.room));
+        let report = report.inspect_err(|_| self.tissue.wire.clear())?;
         // Faces that stay closed are no limit: at the front of every cut there are some.
         let is_limited = report.out_of_room > 0;
         if !report.has_changed() {
             return Ok(Stroke::GoesOn { is_limited });
         }
-        let mut body = Body {
-            rest: self.tissue.rest.clone(),
-            material: self.tissue.material.clone(),
-            fixed: self.tissue.fixed.clone(),
-            skin: self.tissue.skin.clone(),
-            origin: world.body.origin.clone(),
-        };
-        let tets = body.rest.tets.len();
-        let parted = register_parts(&world.case, &mut body);
+        let mut body = handed_over(&mut self.tissue, &world.body);
+        passed();
+        let (tets, part_of_tet) = (body.rest.tets.len(), component_of_each_tet(&body.rest));
+        let (parted, held) = register_parts(&world.case, &mut body, &part_of_tet);
         // For want of a number something was burnt.
         let is_limited = is_limited || body.rest.tets.len() < tets;
-        Ok(Stroke::Cut { body: Box::new(body), parted, is_limited })
+        Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited })
+    }
+}
+
+/// A list has room for one more of so many: most cuts add fewer.
+const ADDED: usize = 8;
+
+/// Copies a list that was handed over with the last cut, and makes room for what one adds, so that it is not copied once more for that.
+fn copy<T: Copy>(to: &mut Vec<T>, from: &[T]) {
+    to.clear();
+    to.reserve(from.len() + from.len() / ADDED);
+    to.extend_from_slice(from);
+}
+
+/// Copies what a cut may change of a body, all but the tets.
+fn copy_all(tissue: &mut Cuttable, body: &Body) {
+    copy(&mut tissue.rest.positions_m, &body.rest.positions_m);
+    copy(&mut tissue.rest.regions, &body.rest.regions);
+    copy(&mut tissue.material, &body.material);
+    copy(&mut tissue.fixed, &body.fixed);
+    let Skin { rest_m, triangles, bindings, raw } = &mut tissue.skin;
+    copy(rest_m, &body.skin.rest_m);
+    copy(triangles, &body.skin.triangles);
+    copy(bindings, &body.skin.bindings);
+    copy(raw, &body.skin.raw);
+}
+
+/// What a cut has left of a body, which takes the lists along.
+fn handed_over(tissue: &mut Cuttable, before: &Body) -> Body {
+    Body {
+        rest: std::mem::take(&mut tissue.rest),
+        material: std::mem::take(&mut tissue.material),
+        fixed: std::mem::take(&mut tissue.fixed),
+        skin: std::mem::take(&mut tissue.skin),
+        origin: before.origin.clone(),
     }
 }
 
@@ -169,11 +214,13 @@ fn options(room: &Room) -> CutOptions {
     }
 }
 
-/// Makes objects of the parts of a body that hang together no more.
-pub fn register_parts(case: &Case, body: &mut Body) -> Vec<Piece> {
-    let mut is_held = case.held_nodes(body);
-    case.attachments(body).iter().for_each(|held| is_held[held.node as usize] = true);
-    body.register_parts(|node| is_held[node as usize], &case.room)
+/// Makes objects of the parts of a body that hang together no more, of which each tet has the number of its own; gives them, and what holds the body then.
+pub fn register_parts(case: &Case, body: &mut Body, part_of_tet: &[u32]) -> (Vec<Piece>, Held) {
+    let (tets, held) = (body.rest.tets.len(), case.held(body));
+    let parted = body.register_parts(part_of_tet, |node| held.is_rooted[node as usize], &case.room);
+    // A part is held by the same whatever its name is, but what is burnt holds nothing.
+    let held = if body.rest.tets.len() < tets { case.held(body) } else { held };
+    (parted, held)
 }
 
 /// What a cut has removed, m³: how much less pathology is held than before, whether it has come free or is burnt. What is burnt of other tissue is none of
@@ -191,10 +238,58 @@ pub fn healthy_removed_m3(before: &World, after: &World) -> f64 {
 
 /// How much less is held after a cut, of pathology or of all else, m³.
 fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
-    let held_m3 = |world: &World| {
-        volume_m3(world, |object, record| world.case.is_pathology(&world.body, object) == of_pathology && !record.is_free_piece())
-    };
-    (held_m3(before) - held_m3(after)).max(0.0)
+    let [before_m3, after_m3] = [before, after].map(|world| world.filled.held_m3[usize::from(of_pathology)]);
+    (before_m3 - after_m3).max(0.0)
+}
+
+/// What the tets of a world fill at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct Filled {
+    /// Volume of what something holds, m³: of all else than pathology, and of pathology.
+    held_m3: [f64; 2],
+    /// Whether each tet has a volume.
+    pub is_everywhere: bool,
+}
+
+/// Adds up what the tets of a body fill, one after the other.
+pub struct Filling<'a> {
+    body: &'a Body,
+    /// For each object the place of its sum, if it is held.
+    place_of: Vec<Option<usize>>,
+    /// The next tet.
+    next: usize,
+    filled: Filled,
+}
+
+impl<'a> Filling<'a> {
+    /// Of a body with these objects.
+    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord]) -> Filling<'a> {
+        let place = |(object, record): (u32, &ObjectRecord)| {
+            (!record.is_free_piece()).then(|| usize::from(case.is_pathology(body, object)))
+        };
+        // The sum of nothing is -0, as that of an iterator.
+        let filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
+        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled }
+    }
+
+    /// Adds the next tet; false behind the last one.
+    pub fn add(&mut self) -> bool {
+        let rest = &self.body.rest;
+        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
+        let volume_m3 = self.body.volume_m3(*tet);
+        self.filled.is_everywhere &= volume_m3 > 0.0;
+        if let Some(place) = self.place_of.get(*object as usize).copied().flatten() {
+            self.filled.held_m3[place] += volume_m3;
+        }
+        self.next += 1;
+        true
+    }
+
+    /// Adds what is left.
+    pub fn ended(mut self) -> Filled {
+        while self.add() {}
+        self.filled
+    }
 }
 
 /// What has come free by a cut, m³: the pathology that is free after it and was held before. What came free as a whole keeps its
@@ -203,13 +298,12 @@ fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
 pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
     let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
     let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
+    let is_of_it = |object: u32| after.case.is_pathology(&after.body, object) && !was_free(object);
+    let freed = |(object, record): (u32, &ObjectRecord)| record.is_free_piece() && is_of_it(object);
+    let is_freed: Vec<bool> = (0..).zip(&after.objects).map(freed).collect();
     // The sum of nothing is -0, of which and 0 the greater has no bits that are sure; it becomes part of the state.
-    let is_freed = |object: u32, record: &ObjectRecord| record.is_free_piece() && !was_free(object);
-    0.0 + volume_m3(after, |object, record| after.case.is_pathology(&after.body, object) && is_freed(object, record))
-}
-
-/// Volume of the objects that are counted, m³.
-fn volume_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
-    let is_counted: Vec<bool> = (0..).zip(&world.objects).map(|(object, record)| is_counted(object, record)).collect();
-    world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
+    if !is_freed.contains(&true) {
+        return 0.0;
+    }
+    0.0 + after.body.volume_where_m3(|object| is_freed.get(object as usize).is_some_and(|is_freed| *is_freed))
 }

@@ -23,6 +23,7 @@ use crate::site::SiteManager;
 use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
+pub(crate) use cutting::fit;
 use hyst_contact::PlaneSet;
 use hyst_engine::{Failure, Helper, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};

@@ -4,9 +4,10 @@ mod case;
 mod model;
 mod roots;
 
-use crate::body::{Body, Room, version_of};
+use crate::body::{Body, Room, version_beside};
 use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
+use crate::knife::{Filled, Filling};
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
@@ -21,6 +22,7 @@ use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{LoadedLoop, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
+pub use roots::Held;
 use roots::Roots;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -109,6 +111,8 @@ pub struct World {
     pub is_organ_whole: bool,
     /// The forces that hold the cavity shut, once somebody has asked for them.
     pub shut_n: OnceLock<Vec<[f32; 3]>>,
+    /// What its tets fill.
+    pub filled: Filled,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -173,7 +177,7 @@ impl Workshop {
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let topology = workshop.topology(&body)?;
-        let mut world = World::with(&workshop.case, body, model, topology)?;
+        let mut world = World::with(&workshop.case, body, (model, topology), None, &mut || ())?;
         world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of an organ that is whole has to.
         world.shut_n();
@@ -184,7 +188,22 @@ impl Workshop {
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
         let topology = self.topology(&body)?;
-        World::with(&self.case, body, model, topology)
+        World::with(&self.case, body, (model, topology), None, &mut || ())
+    }
+
+    /// The world of a body that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
+    /// alone, without a spare or a successor. Who knows already what holds the body says it. Calls `passed` once the model is made, then once the faces and the
+    /// points of contact are.
+    pub fn make_sound(&mut self, body: Body, held: Option<Held>, passed: &mut impl FnMut()) -> Result<World, Failure> {
+        let (model, _) = self.model(&body)?;
+        passed();
+        let topology = self.topology(&body)?;
+        let world = World::with(&self.case, body, (model, topology), held, passed)?;
+        let is_sound = world.body.fits(&self.case.room) && world.filled.is_everywhere;
+        if !is_sound {
+            return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));
+        }
+        Ok(world)
     }
 
     fn topology(&mut self, body: &Body) -> Result<Topology, Failure> {
@@ -222,25 +241,38 @@ impl Body {
 }
 
 impl World {
-    fn with(case: &Arc<Case>, body: Body, model: Model, topology: Topology) -> Result<World, Failure> {
-        let words = body.pack();
+    /// Calls `passed` before the body is packed.
+    fn with(
+        case: &Arc<Case>,
+        body: Body,
+        (model, topology): (Model, Topology),
+        held: Option<Held>,
+        passed: &mut impl FnMut(),
+    ) -> Result<World, Failure> {
         let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
-        let is_held = case.held_nodes(&body);
+        let Held { is_held, is_rooted, attachments } = held.unwrap_or_else(|| case.held(&body));
         let is_wall =
             |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
-        let attachments = case.attachments(&body);
-        let objects = objects(case, &body, &attachments);
+        let objects = objects(case, &body, &is_rooted);
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
+        passed();
+        let words = body.pack();
+        let mut filling = Filling::of(case, &body, &objects);
+        let version = version_beside(&words, || {
+            filling.add();
+        });
+        let filled = filling.ended();
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
             points,
             objects,
-            version: version_of(&words),
+            version,
             is_organ_whole: case.closing.is_whole(&body),
             shut_n: OnceLock::new(),
+            filled,
             notes: Vec::new(),
             model,
             topology,
@@ -259,27 +291,43 @@ fn most_reach_m(body: &Body) -> f64 {
     f64::from(REACH_SHARE * FARTHEST_M - farthest_m).max(0.0)
 }
 
-/// The records of all objects of a body, and of the instruments.
-fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRecord> {
-    let mut is_rooted = case.held_nodes(body);
-    attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
+/// Calls for each run of things of one object: with the object, the place of the first of them, and how many they are.
+fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32, u32, u32)) {
+    let (mut of, mut first, mut end) = (None, 0, 0);
+    for object in objects_of {
+        if object != of {
+            if let Some(before) = of {
+                note(before, first, end - first);
+            }
+            (of, first) = (object, end);
+        }
+        end += 1;
+    }
+    if let Some(last) = of {
+        note(last, first, end - first);
+    }
+}
+
+/// The records of all objects of a body, of which some nodes are rooted, and of the instruments.
+fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
     let count = body.origin.len();
     let mut held = vec![false; count];
-    let mut counts = vec![[[0u32; 2]; 4]; count];
-    let mut note = |object: u32, what: usize, index: usize| {
-        let [first, number] = &mut counts[object as usize][what];
-        *first = if *number == 0 { index as u32 } else { *first };
-        *number += 1;
-    };
-    for (index, (tet, object)) in body.rest.tets.iter().zip(&body.rest.regions).enumerate() {
-        note(*object, 0, index);
-        held[*object as usize] |= tet.iter().any(|node| is_rooted[*node as usize]);
+    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+        let is_held = &mut held[*object as usize];
+        *is_held = *is_held || tet.iter().any(|node| is_rooted[*node as usize]);
     }
-    let of_node = body.owners();
-    of_node.iter().enumerate().filter_map(|(node, owner)| Some((node, (*owner)?))).for_each(|(node, owner)| note(owner, 3, node));
-    let of_vertex = |vertex: usize| body.rest.regions[body.skin.bindings[vertex].tet as usize];
-    (0..body.skin.rest_m.len()).for_each(|vertex| note(of_vertex(vertex), 1, vertex));
-    body.skin.triangles.iter().enumerate().for_each(|(index, triangle)| note(of_vertex(triangle[0] as usize), 2, index));
+    let mut counts = vec![[[0u32; 2]; 4]; count];
+    let mut note = |what: usize, object: u32, first: u32, number: u32| {
+        let [at, sum] = &mut counts[object as usize][what];
+        *at = if *sum == 0 { first } else { *at };
+        *sum += number;
+    };
+    let of_vertex = |vertex: usize| Some(body.rest.regions[body.skin.bindings[vertex].tet as usize]);
+    runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
+    runs((0..body.skin.rest_m.len()).map(of_vertex), |object, first, number| note(1, object, first, number));
+    let of_triangle = body.skin.triangles.iter().map(|triangle| of_vertex(triangle[0] as usize));
+    runs(of_triangle, |object, first, number| note(2, object, first, number));
+    runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
     let deformable = (0..count).map(|index| {
         let (name, kind) = &case.objects[body.origin[index] as usize];
         let is_of_scene = case.is_of_scene(index as u32);

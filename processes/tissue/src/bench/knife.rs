@@ -3,14 +3,15 @@
 
 use super::press::text;
 use crate::contacts::Contacts;
-use crate::knife::{Knife as Electrode, Stroke, freed_m3, removed_m3};
+use crate::knife::{Knife as Electrode, Stroke, freed_m3, healthy_removed_m3, removed_m3};
+use crate::main_loop::fit;
 use crate::materials::materials;
 use crate::world::{Workshop, World};
 use hyst_contact::{ContactError, Topology, TopologyMaker};
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{CutOptions, Cuttable, Isa, ModelMaker, Options, Scratch, cut};
+use hyst_tissue::{BoundSurface, CutOptions, Cuttable, Isa, ModelMaker, Options, Scratch, cut};
 use std::hint::black_box;
 
 /// Way of the wire in a tick of 1 ms, m: 0.2 m/s, faster than a hand cuts.
@@ -67,41 +68,81 @@ fn wires(scene: &LoadedScene, place: f32) -> Result<impl Iterator<Item = [[f32; 
     Ok(ways.map(move |z| [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]]))
 }
 
-/// Times of the ticks in which the Main Loop cuts, ns: the sweep, the world that it leaves, and what is made anew for that, of a stroke through each place; and
-/// how many cuts were refused.
-pub fn whole(scene: &LoadedScene, isa: Isa, places: &[f32]) -> Result<(Vec<u64>, usize), String> {
-    let (mut times_ns, mut refused) = (Vec::new(), 0);
-    for place in places {
-        refused += stroke_through(scene, isa, *place, &mut times_ns)?;
-    }
-    Ok((times_ns, refused))
+/// What the Main Loop does for a cut, one after the other: the sweep, the names of the parts that it leaves, their model, their faces and points of contact,
+/// packing them into words and looking whether others would take them, and all else that is made anew for them.
+pub const STAGES: [&str; 6] = ["sweep", "parts", "model", "faces", "packing", "taking"];
+
+/// The cuts of some strokes.
+#[derive(Default)]
+pub struct Cuts {
+    /// What each took, ns.
+    pub whole_ns: Vec<u64>,
+    /// What each of [`STAGES`] took of that, ns.
+    pub stages_ns: [Vec<u64>; STAGES.len()],
+    /// How many were refused.
+    pub refused: usize,
 }
 
-/// Adds the times of one stroke; tells how many of its cuts were refused.
-fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, times_ns: &mut Vec<u64>) -> Result<usize, String> {
+/// When the stages of a cut were over, ns.
+struct Laps(Vec<u64>);
+
+impl Laps {
+    fn begun() -> Laps {
+        Laps(vec![system::now_ns()])
+    }
+
+    fn pass(&mut self) {
+        self.0.push(system::now_ns());
+    }
+}
+
+impl Cuts {
+    fn add(&mut self, laps: &Laps) {
+        for (stage_ns, lap) in self.stages_ns.iter_mut().zip(laps.0.windows(2)) {
+            stage_ns.push(lap[1] - lap[0]);
+        }
+        self.whole_ns.extend(laps.0.first().zip(laps.0.last()).map(|(begun, ended)| ended - begun));
+    }
+}
+
+/// The cuts that the Main Loop makes in a stroke through each place, with all that is made anew for what they leave. Left out is what is kept and
+/// hardly grows: the tables of the points, and the register of the objects.
+pub fn whole(scene: &LoadedScene, isa: Isa, places: &[f32]) -> Result<Cuts, String> {
+    let mut cuts = Cuts::default();
+    places.iter().try_for_each(|place| stroke_through(scene, isa, *place, &mut cuts))?;
+    Ok(cuts)
+}
+
+/// Adds the cuts of one stroke.
+fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, cuts: &mut Cuts) -> Result<(), String> {
     let (mut workshop, mut world) = Workshop::open(scene, isa).map_err(text)?;
+    let (mut scratch, mut contacts) = (Scratch::new(&world.model), Contacts::new(&world));
+    let mut surface = BoundSurface::new(&world.body.skin.bindings, world.model.tets());
     let (mut electrode, mut stroke) = (Electrode::default(), Vec::<u32>::new());
-    let mut contacts = Contacts::new(&world);
     let mut positions_m = world.model.rest_m().to_vec();
     let mut velocities_m_s = vec![[0.0; 3]; positions_m.len()];
-    let mut refused = 0;
     for wire_m in wires(scene, place)? {
-        let begun_ns = system::now_ns();
+        let mut laps = Laps::begun();
         let nodes = (&positions_m[..], &velocities_m_s[..]);
-        let swept = electrode.sweep(&world, Some(&wire_m[..]), bytemuck::cast_slice(&stroke), nodes).map_err(text)?;
-        if let Stroke::Cut { body, parted, .. } = swept {
-            match workshop.make(*body) {
+        let before: &[u8] = bytemuck::cast_slice(&stroke);
+        let swept = electrode.sweep_by(&world, Some(&wire_m[..]), before, nodes, || laps.pass()).map_err(text)?;
+        if let Stroke::Cut { body, held, parted, .. } = swept {
+            laps.pass();
+            let made = workshop.make_sound(*body, Some(held), &mut || laps.pass());
+            match made {
                 Ok(next) => {
-                    black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted)));
-                    contacts.fit(&next);
-                    black_box(Scratch::new(&next.model));
+                    laps.pass();
+                    black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted), healthy_removed_m3(&world, &next)));
+                    fit(&next, (&mut scratch, &mut surface, &mut contacts));
+                    laps.pass();
+                    cuts.add(&laps);
+                    // The one before is freed by the clerk, and not in this time.
                     world = next;
                     let (moved_m, moved_m_s) = electrode.moved();
                     (positions_m, velocities_m_s) = (moved_m.to_vec(), moved_m_s.to_vec());
-                    times_ns.push(system::now_ns() - begun_ns);
                 }
                 Err(_) => {
-                    refused += 1;
+                    cuts.refused += 1;
                     electrode.end();
                 }
             }
@@ -109,7 +150,7 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, times_ns: &mut Vec<
         stroke.resize(electrode.stroke_bytes() / size_of::<u32>(), 0);
         electrode.write_stroke(bytemuck::cast_slice_mut(&mut stroke));
     }
-    Ok(refused)
+    Ok(())
 }
 
 fn topology_of(faces: &mut TopologyMaker, rest: &TetMesh) -> Result<Topology, ContactError> {
@@ -154,10 +195,15 @@ mod tests {
     }
 
     #[test]
-    fn the_main_loops_cuts_are_timed_one_by_one() {
+    fn the_main_loops_cuts_are_timed_one_by_one_and_stage_by_stage() {
         let scene = crate::world::load_scene(None).unwrap();
-        let (times_ns, refused) = whole(&scene, Isa::detect(), &PLACES).unwrap();
-        println!("{} cuts, {refused} refused", times_ns.len());
-        assert!(times_ns.len() > 2 * PLACES.len() && refused < times_ns.len(), "{} cuts, {refused} refused", times_ns.len());
+        let cuts = whole(&scene, Isa::detect(), &PLACES).unwrap();
+        let (count, refused) = (cuts.whole_ns.len(), cuts.refused);
+        println!("{count} cuts, {refused} refused");
+        assert!(count > 2 * PLACES.len() && refused < count, "{count} cuts, {refused} refused");
+        assert!(cuts.stages_ns.iter().all(|stage_ns| stage_ns.len() == count), "a stage is left out, or is told twice");
+        for (cut, whole_ns) in cuts.whole_ns.iter().enumerate() {
+            assert_eq!(cuts.stages_ns.iter().map(|stage_ns| stage_ns[cut]).sum::<u64>(), *whole_ns, "cut {cut}");
+        }
     }
 }

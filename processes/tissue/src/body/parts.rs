@@ -4,7 +4,6 @@
 //! smallest first. A number names one thing at a time, and is had again only when all have been given once; those of the scene's objects are theirs.
 
 use super::{Body, Room};
-use hyst_mesh::component_of_each_tet;
 use std::collections::BTreeMap;
 
 /// The object of what is burnt, until it is taken away.
@@ -25,12 +24,26 @@ pub struct Piece {
 
 impl Body {
     /// Makes an object of each part that has come free: the greatest part that something holds stays what it was, or the greatest of all. Without a number for
-    /// another object a part that is held stays with its own, and one that is free is burnt.
-    pub fn register_parts(&mut self, is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
-        let part_of_tet = component_of_each_tet(&self.rest);
+    /// another object a part that is held stays with its own, and one that is free is burnt. The parts are those of each tet, as
+    /// [`hyst_mesh::component_of_each_tet`] numbers them.
+    pub fn register_parts(&mut self, part_of_tet: &[u32], is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
+        let new = if self.has_parted(part_of_tet) { self.name_parts(part_of_tet, is_held, room) } else { Vec::new() };
+        self.sort_skin();
+        new
+    }
+
+    /// Whether an object has more than one part: few cuts leave one.
+    fn has_parted(&self, part_of_tet: &[u32]) -> bool {
+        let mut part_of: Vec<Option<u32>> = vec![None; self.origin.len()];
+        let is_of_another =
+            |(object, part): (&u32, &u32)| part_of[*object as usize].replace(*part).is_some_and(|before| before != *part);
+        self.rest.regions.iter().zip(part_of_tet).any(is_of_another)
+    }
+
+    fn name_parts(&mut self, part_of_tet: &[u32], is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
         let parts = part_of_tet.iter().max().map_or(0, |last| *last as usize + 1);
         let mut of_part = vec![Piece { object: 0, of: 0, volume_m3: 0.0, is_held: false }; parts];
-        for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(&part_of_tet) {
+        for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(part_of_tet) {
             let piece = &mut of_part[*part as usize];
             (piece.object, piece.of) = (*region, *region);
             piece.volume_m3 += self.volume_m3(*nodes);
@@ -52,13 +65,12 @@ impl Body {
         }
         let burnt: Vec<usize> = others.into_iter().filter(|part| !of_part[*part].is_held).collect();
         burnt.iter().for_each(|part| of_part[*part].object = ASH);
-        for (region, part) in self.rest.regions.iter_mut().zip(&part_of_tet) {
+        for (region, part) in self.rest.regions.iter_mut().zip(part_of_tet) {
             *region = of_part[*part as usize].object;
         }
         if !burnt.is_empty() {
             *self = self.without(ASH);
         }
-        self.sort_skin();
         new
     }
 
@@ -101,7 +113,7 @@ fn by_need(of_part: &[Piece], parts: Vec<usize>, numbers: usize) -> (Vec<usize>,
 mod tests {
     use super::super::tests::{body, room};
     use super::*;
-    use hyst_mesh::TetMesh;
+    use hyst_mesh::{TetMesh, component_of_each_tet};
 
     /// A tet of object 0, and a row of so many others of it that nothing joins to it or to each other; the edges are longer from one to the next.
     fn chips(count: usize) -> Body {
@@ -114,17 +126,22 @@ mod tests {
         Body { rest, fixed, origin: vec![0], ..Body::default() }
     }
 
+    fn registered(body: &mut Body, is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
+        let part_of_tet = component_of_each_tet(&body.rest);
+        body.register_parts(&part_of_tet, is_held, room)
+    }
+
     #[test]
     fn a_part_that_comes_free_is_an_object_and_takes_its_surface_along() {
         let mut body = body();
-        assert!(body.register_parts(|_| false, &room()).is_empty(), "nothing is cut");
+        assert!(registered(&mut body, |_| false, &room()).is_empty(), "nothing is cut");
         assert_eq!(body, self::body());
         // The second tet gets nodes of its own; the first is held.
         body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
         body.fixed.extend([false; 3]);
         body.rest.tets[1] = [9, 10, 11, 8];
         body.skin.bindings[0].tet = 1;
-        let new = body.register_parts(|node| node == 0, &room());
+        let new = registered(&mut body, |node| node == 0, &room());
         assert_eq!((new.len(), new[0].object, new[0].of, new[0].is_held), (1, 2, 0, false));
         assert!((new[0].volume_m3 - 1.0 / 3.0).abs() < 1e-6, "{new:?}");
         assert_eq!((&body.rest.regions[..], &body.origin[..]), (&[0, 2, 1][..], &[0, 1, 0][..]));
@@ -135,7 +152,7 @@ mod tests {
         let mut body = self::body();
         body.rest.tets[1] = [9, 10, 11, 8];
         body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
-        let parted = body.register_parts(|node| node == 0 || node == 9, &full);
+        let parted = registered(&mut body, |node| node == 0 || node == 9, &full);
         assert!(parted.is_empty() && body.origin.len() == 2 && body.rest.tets.len() == 3, "what is held needs no number");
     }
 
@@ -144,7 +161,7 @@ mod tests {
         let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 256, regions: 0 };
         let mut body = chips(300);
         let (before_m3, small_m3) = (body.volume_of_m3(0), body.volume_m3([180, 181, 182, 183]));
-        let new = body.register_parts(|node| node == 0, &room);
+        let new = registered(&mut body, |node| node == 0, &room);
         assert_eq!((new.len(), body.origin.len(), body.rest.tets.len()), (255, 256, 256), "45 are burnt");
         assert!(new.iter().all(|piece| piece.of == 0 && piece.volume_m3 > small_m3), "the smallest ones");
         assert_eq!(body.rest.regions.iter().filter(|region| **region == 0).count(), 1, "the mother is what is held, alone");
@@ -161,7 +178,7 @@ mod tests {
         // The scene has two objects, of which the second is gone from the beginning.
         body.origin = vec![0, 1];
         let objects = |new: &[Piece]| new.iter().map(|piece| piece.object).collect::<Vec<u32>>();
-        assert_eq!(objects(&body.register_parts(|node| node == 0, &room)), [2, 3, 4, 5]);
+        assert_eq!(objects(&registered(&mut body, |node| node == 0, &room)), [2, 3, 4, 5]);
         let mut body = body.without(3);
         let more = chips(8);
         for tet in &more.rest.tets[5..9] {
@@ -171,7 +188,7 @@ mod tests {
             body.rest.tets.push([0, 1, 2, 3].map(|corner| first + corner));
             body.rest.regions.push(0);
         }
-        let new = body.register_parts(|node| node == 0, &room);
+        let new = registered(&mut body, |node| node == 0, &room);
         assert_eq!(objects(&new), [6, 7, 3], "what nobody has had comes first, and there is none for the smallest");
         assert_eq!((body.origin.len(), body.rest.tets.len()), (8, 1 + 3 + 3));
         assert!(body.origin[2..].iter().all(|origin| *origin == 0) && body.origin[1] == 1, "{:?}", body.origin);

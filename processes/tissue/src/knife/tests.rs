@@ -118,7 +118,8 @@ fn drawn(workshop: &mut Workshop, mut world: World, wires: &[[[f32; 3]; 3]], loo
     for wire_m in wires {
         let nodes = (&positions_m[..], &velocities_m_s[..]);
         let swept = knife.sweep(&world, Some(&wire_m[..]), bytemuck::cast_slice(&stroke), nodes).unwrap();
-        if let Stroke::Cut { body, .. } = swept {
+        if let Stroke::Cut { body, held, .. } = swept {
+            assert_eq!(held, world.case.held(&body), "it is handed over with what holds it");
             match workshop.make(*body) {
                 Ok(next) => {
                     (world, sweeps) = (next, sweeps + 1);
@@ -155,8 +156,42 @@ fn assert_registered(world: &World, what: &str) {
     let held: BTreeSet<u32> = held.map(|(_, object)| *object).collect();
     for object in world.objects.iter().filter(|object| object.tets[1] > 0) {
         assert_eq!(object.is_free_piece(), !held.contains(&object.id), "{what}: object {}", object.id);
-        let tets = rest.regions.iter().filter(|region| **region == object.id).count();
-        assert_eq!(object.tets[1] as usize, tets, "{what}: tets of object {}", object.id);
+    }
+    assert_counted(world, what);
+    let held_m3 = [false, true].map(|of_pathology| {
+        let is_held = |object: u32| !world.objects[object as usize].is_free_piece();
+        let is_of_it = |object: u32| world.case.is_pathology(&world.body, object) == of_pathology;
+        world.body.volume_where_m3(|object| is_held(object) && is_of_it(object))
+    });
+    assert_eq!((world.filled.held_m3, world.filled.is_everywhere), (held_m3, true), "{what}: what is held");
+    let free = world.objects.iter().filter(|object| object.is_free_piece() && object.tets[1] > 0);
+    let free: Vec<(u32, f64)> = free.map(|object| (object.id, world.body.volume_of_m3(object.id))).collect();
+    let drifters: Vec<(u32, f64)> = world.drifters.iter().map(|drifter| (drifter.object(), drifter.volume_m3())).collect();
+    assert_eq!(drifters, free, "{what}: what drifts");
+    for drifter in &world.drifters {
+        let nodes: Vec<[f32; 3]> = drifter.places(&rest.positions_m).copied().collect();
+        let owners = rest.positions_m.iter().zip(world.body.owners());
+        let own: Vec<[f32; 3]> = owners.filter(|(_, owner)| *owner == Some(drifter.object())).map(|(place, _)| *place).collect();
+        assert_eq!(nodes, own, "{what}: nodes of object {}", drifter.object());
+    }
+}
+
+/// Each object's place in the common arrays is that of its first node, tet, vertex and triangle, and of as many as it has.
+fn assert_counted(world: &World, what: &str) {
+    let (rest, skin) = (&world.body.rest, &world.body.skin);
+    let of_vertex = |vertex: u32| Some(rest.regions[skin.bindings[vertex as usize].tet as usize]);
+    let objects_of: [Vec<Option<u32>>; 4] = [
+        world.body.owners(),
+        rest.regions.iter().copied().map(Some).collect(),
+        (0..skin.rest_m.len() as u32).map(of_vertex).collect(),
+        skin.triangles.iter().map(|triangle| of_vertex(triangle[0])).collect(),
+    ];
+    for object in world.objects.iter().filter(|object| object.tets[1] > 0) {
+        let found = objects_of.each_ref().map(|objects_of| {
+            let of_it = || (0u32..).zip(objects_of).filter(|(_, of)| **of == Some(object.id)).map(|(place, _)| place);
+            [of_it().next().unwrap_or(0), of_it().count() as u32]
+        });
+        assert_eq!([object.nodes, object.tets, object.vertices, object.triangles], found, "{what}: object {}", object.id);
     }
 }
 

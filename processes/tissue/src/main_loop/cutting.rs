@@ -8,7 +8,7 @@ use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_messages::{CUT_LIMIT, Message};
-use hyst_tissue::BoundSurface;
+use hyst_tissue::{BoundSurface, Scratch};
 use std::sync::Arc;
 
 /// Up to so far from the pivot the tip is in the cervix, and what the jaws hold is drawn out with it, m.
@@ -90,14 +90,9 @@ impl MainLoop<'_> {
         Some(Left { volume_ml, removed_ml: if is_removed { volume_ml } else { 0.0 } })
     }
 
-    /// The world of a mesh that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
-    /// alone, without a spare or a successor.
+    /// The world of a mesh that this process has changed, if everybody would take it.
     pub(super) fn made(&mut self, body: Body) -> Result<World, Failure> {
-        let world = self.workshop.make(body)?;
-        match Body::unpack(&world.words, &self.world.case.room) {
-            Some(_) => Ok(world),
-            None => Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into())),
-        }
+        self.workshop.make_sound(body, None, &mut || ())
     }
 
     /// Goes on with another world; what was made for the one before is made anew.
@@ -107,9 +102,7 @@ impl MainLoop<'_> {
             self.life.say(&longer);
             self.most_substeps = substeps;
         }
-        self.scratch.fit(&world.model);
-        self.surface = BoundSurface::new(&world.body.skin.bindings, world.model.tets());
-        self.contacts.fit(&world);
+        fit(&world, (&mut self.scratch, &mut self.surface, &mut self.contacts));
         self.collision.take_world(&world);
         self.points_m.resize(world.points.len(), [0.0; 3]);
         self.pressure_pa.resize(world.wall.len(), 0.0);
@@ -144,7 +137,7 @@ impl MainLoop<'_> {
         let refused = match swept {
             Ok(Stroke::None) => return Ok(Change::default()),
             Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
-            Ok(Stroke::Cut { body, parted, is_limited }) => match self.made(*body) {
+            Ok(Stroke::Cut { body, held, parted, is_limited }) => match self.workshop.make_sound(*body, Some(held), &mut || ()) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
@@ -174,6 +167,13 @@ impl MainLoop<'_> {
         }
         Change { is_limited, ..change }
     }
+}
+
+/// Makes anew, for another world, what is kept of the deformation, of the surface for the eye and of the contacts.
+pub fn fit(world: &World, (scratch, surface, contacts): (&mut Scratch, &mut BoundSurface, &mut Contacts)) {
+    scratch.fit(&world.model);
+    surface.fit(&world.body.skin.bindings, world.model.tets());
+    contacts.fit(world);
 }
 
 /// What is said of a mesh that asks for more substeps than all before it, of which the deformation took so long at last, µs.

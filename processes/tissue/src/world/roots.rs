@@ -30,8 +30,25 @@ struct Root {
     weights: [f32; 4],
 }
 
-/// The nodes that are held in hosts, by their object and their place at rest, which a copy of a node has too.
-pub struct Roots(BTreeMap<(u32, [u32; 3]), Root>);
+/// The nodes that are held in hosts.
+pub struct Roots {
+    /// By their object and their place at rest, which a copy of a node has too.
+    all: BTreeMap<(u32, [u32; 3]), Root>,
+    /// Box around these places, lowest and highest corner, m: most nodes are outside.
+    low: Vec3,
+    high: Vec3,
+}
+
+/// What holds the nodes of a body.
+#[derive(Debug, PartialEq)]
+pub struct Held {
+    /// Whether each is fixed, or in tissue that what is around it holds.
+    pub is_held: Vec<bool>,
+    /// Whether it is that, or held in a host.
+    pub is_rooted: Vec<bool>,
+    /// What holds a pathology in its host.
+    pub attachments: Vec<Attachment>,
+}
 
 impl Roots {
     /// Those of a scene, whose objects are joined in a body; the nodes of each begin at its `starts`.
@@ -51,42 +68,60 @@ impl Roots {
                 all.insert((index as u32, bits(body.rest.positions_m[node])), root);
             }
         }
-        Roots(all)
+        let places = || all.keys().map(|(_, place)| Vec3::from(place.map(f32::from_bits)));
+        let (low, high) = (places().fold(Vec3::INFINITY, Vec3::min), places().fold(Vec3::NEG_INFINITY, Vec3::max));
+        Roots { all, low, high }
     }
 
     /// Whether anything of an object is held.
     pub(super) fn has(&self, object: u32) -> bool {
-        self.0.keys().any(|(of, _)| *of == object)
+        self.all.keys().any(|(of, _)| *of == object)
+    }
+
+    /// Where one is held that is at a place at rest, by the object that is asked for.
+    fn at(&self, place_m: [f32; 3], object: impl FnOnce() -> Option<u32>) -> Option<Root> {
+        let place = Vec3::from(place_m);
+        let is_near = place.cmpge(self.low).all() && place.cmple(self.high).all();
+        if is_near { self.all.get(&(object()?, bits(place_m))).copied() } else { None }
     }
 }
 
 impl Case {
-    /// What holds the nodes of a body. A node that was copied is held as its original is.
+    /// What holds the nodes of a body.
+    pub fn held(&self, body: &Body) -> Held {
+        let (is_held, attachments) = (self.held_nodes(body), self.attachments(body));
+        let mut is_rooted = is_held.clone();
+        attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
+        Held { is_held, is_rooted, attachments }
+    }
+
+    /// What holds the nodes of a body in hosts. A node that was copied is held as its original is.
     pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
         let owner = body.owners();
-        let rooted = |(node, owner): (usize, &Option<u32>)| {
-            let place_m = body.rest.positions_m[node];
-            let root = self.roots.0.get(&(self.origin(body, (*owner)?) as u32, bits(place_m)))?;
-            Some((node as u32, place_m, *root))
+        let root_of = |(node, place_m): (usize, &[f32; 3])| {
+            let root = self.roots.at(*place_m, || Some(self.origin(body, owner[node]?) as u32))?;
+            Some((node as u32, to_double(*place_m), root))
         };
-        let rooted: Vec<(u32, [f32; 3], Root)> = owner.iter().enumerate().filter_map(rooted).collect();
+        let rooted: Vec<(u32, DVec3, Root)> = body.rest.positions_m.iter().enumerate().filter_map(root_of).collect();
         let whole = whole_tets(body, rooted.iter().map(|(.., root)| root.tet));
-        let is_as_it_was = |place: DVec3, root: &Root| whole.contains(&root.tet) && is_at(body, root, place);
-        let places = rooted.iter().map(|(_, place_m, root)| (to_double(*place_m), root));
-        let others: Vec<DVec3> = places.filter(|&(place, root)| !is_as_it_was(place, root)).map(|(place, _)| place).collect();
+        let is_whole = |(_, place, root): &(u32, DVec3, Root)| whole.contains(&root.tet) && is_at(body, root, *place);
+        let is_as_it_was: Vec<bool> = rooted.iter().map(is_whole).collect();
+        let others = rooted.iter().zip(&is_as_it_was).filter(|(_, is_as_it_was)| !**is_as_it_was);
+        let others: Vec<DVec3> = others.map(|((_, place, _), _)| *place).collect();
         let near = self.near(body, &others);
-        let held = |(node, place_m, root): (u32, [f32; 3], Root)| {
-            let place = to_double(place_m);
-            let now =
-                if is_as_it_was(place, &root) { Some((root.tet, root.weights)) } else { host_now(body, &near, root.host, place) };
+        let held = |((node, place, root), is_as_it_was): ((u32, DVec3, Root), bool)| {
+            let now = if is_as_it_was { Some((root.tet, root.weights)) } else { host_now(body, &near, root.host, place) };
             now.map(|(tet, weights)| Attachment { node, tet, weights, stiffness_n_m: ATTACHMENT_N_M })
         };
-        rooted.into_iter().filter_map(held).collect()
+        rooted.into_iter().zip(is_as_it_was).filter_map(held).collect()
     }
 
     /// The tets whose boxes touch that around some places at rest, and the object of the scene that each is of: one look at all of them, and not one for
     /// each place.
     fn near(&self, body: &Body, places: &[DVec3]) -> Vec<([u32; 4], u32)> {
+        if places.is_empty() {
+            return Vec::new();
+        }
         let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
         let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
         let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());

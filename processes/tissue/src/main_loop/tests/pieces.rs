@@ -4,6 +4,7 @@ use super::*;
 use crate::body::{Body, Piece};
 use crate::knife::register_parts;
 use glam::Vec3;
+use hyst_mesh::component_of_each_tet;
 
 /// Steps in which a piece is carried: two and a half times what the drag takes to bring it to the medium's speed.
 const DRIFT: u64 = 500;
@@ -78,7 +79,8 @@ pub(super) fn part(world: &World, body: &mut Body, tets: &[usize]) -> Vec<Piece>
             });
         }
     }
-    register_parts(&world.case, body)
+    let part_of_tet = component_of_each_tet(&body.rest);
+    register_parts(&world.case, body, &part_of_tet).0
 }
 
 /// The body with the outer half of its polyp parted from the rest, that half's object, and the way from the one to the other.

@@ -4,7 +4,8 @@
 use super::pieces::{middle_m, part, parted};
 use super::*;
 use crate::body::{Body, Piece};
-use crate::knife::{freed_m3, healthy_removed_m3, register_parts, removed_m3};
+use crate::knife::{Filling, freed_m3, healthy_removed_m3, register_parts, removed_m3};
+use hyst_mesh::component_of_each_tet;
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
 const THROUGH_M: f32 = 6e-3;
@@ -20,13 +21,20 @@ fn only(body: &Body, is_kept: impl Fn(usize) -> bool) -> Body {
     left
 }
 
+/// Fills a world with another body of the same objects.
+fn fill(world: &mut World, body: Body) {
+    world.filled = Filling::of(&world.case, &body, &world.objects).ended();
+    world.body = body;
+}
+
 /// The body of which some tets are burnt, with its surface, and the objects that this made.
 fn burnt(world: &World, is_burnt: impl Fn(usize) -> bool) -> (Body, Vec<Piece>) {
     const ASH: u32 = u32::MAX;
     let mut marked = world.body.clone();
     (0..).zip(&mut marked.rest.regions).filter(|(tet, _)| is_burnt(*tet)).for_each(|(_, region)| *region = ASH);
     let mut left = marked.without(ASH);
-    let parted = register_parts(&world.case, &mut left);
+    let part_of_tet = component_of_each_tet(&left.rest);
+    let (parted, _) = register_parts(&world.case, &mut left, &part_of_tet);
     (left, parted)
 }
 
@@ -54,13 +62,13 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
     let mut made = |body: Body| main.workshop.make(body).unwrap();
 
     let mut after = made(body.clone());
-    after.body = only(body, |tet| is_polyp(tet) || tet % 3 > 0);
+    fill(&mut after, only(body, |tet| is_polyp(tet) || tet % 3 > 0));
     assert!(after.body.rest.tets.len() < body.rest.tets.len(), "a third of the wall is burnt");
     assert_eq!(removed_m3(&world, &after), 0.0, "and none of the polyp");
     let of_wall_m3 = only(body, |tet| !is_polyp(tet) && tet % 3 == 0).volume_where_m3(|_| true);
     let healthy_m3 = healthy_removed_m3(&world, &after);
     assert!(is_near(healthy_m3, of_wall_m3), "{healthy_m3} of {of_wall_m3} m³ of the wall");
-    after.body = only(body, |tet| tet % 3 > 0);
+    fill(&mut after, only(body, |tet| tet % 3 > 0));
     let burnt_m3 = only(body, |tet| tet % 3 == 0).volume_of_m3(polyp);
     assert!(is_near(removed_m3(&world, &after), burnt_m3), "{} of {burnt_m3} m³", removed_m3(&world, &after));
     assert_eq!(healthy_removed_m3(&world, &after), healthy_m3, "what is burnt of the polyp is none of the wall");
@@ -142,7 +150,7 @@ fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() 
     assert!(parts.iter().all(|piece| piece.of != polyp), "{parts:?}");
     let mut after = made(chipped.clone());
     assert!(parts.iter().any(|piece| after.objects[piece.object as usize].is_free_piece()), "{parts:?}");
-    after.body = only(&chipped, |tet| !is_burnt(tet, &chipped));
+    fill(&mut after, only(&chipped, |tet| !is_burnt(tet, &chipped)));
     let burnt_m3 = body.volume_of_m3(polyp) - after.body.volume_of_m3(polyp);
     assert!(is_near(removed_m3(&world, &after), burnt_m3), "{} of {burnt_m3} m³", removed_m3(&world, &after));
     assert_eq!(freed_m3(&world, &after, &parts), 0.0, "a chip of the wall is no piece of the polyp, nor is what is burnt");
@@ -156,7 +164,7 @@ fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() 
     let free_m3 = halved.volume_of_m3(piece);
     let parts = [Piece { object: piece, of: polyp, volume_m3: free_m3, is_held: false }];
     let mut after = made(halved.clone());
-    after.body = only(&halved, |tet| !is_burnt(tet, &halved));
+    fill(&mut after, only(&halved, |tet| !is_burnt(tet, &halved)));
     let (removed, freed) = (removed_m3(&world, &after), freed_m3(&world, &after, &parts));
     assert!(is_near(freed, free_m3) && removed > 1.01 * free_m3, "{freed} of {free_m3} m³, {removed} m³ removed");
 }

@@ -1,0 +1,131 @@
+//! The surface of a body in the order of its objects.
+
+use super::Body;
+use hyst_mesh::Binding;
+use hyst_tissue::Skin;
+
+impl Body {
+    /// Puts the surface's vertices and triangles into the order of the objects, those of an object in the order that they have. A triangle between two objects
+    /// is left out.
+    pub(super) fn sort_skin(&mut self) {
+        let regions = &self.rest.regions;
+        let object_of: Vec<u32> = self.skin.bindings.iter().map(|binding| regions[binding.tet as usize]).collect();
+        // Most cuts leave it as it was: what they add lies behind, and the object that is cut is the last one.
+        if !is_sorted(&self.skin.triangles, &object_of) {
+            self.skin = sorted(&self.skin, &object_of, self.origin.len());
+        }
+    }
+}
+
+/// Whether all is in its place, and no triangle between two objects.
+fn is_sorted(triangles: &[[u32; 3]], object_of: &[u32]) -> bool {
+    let mut last = 0;
+    let follows = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| object_of[vertex as usize]);
+        let before = std::mem::replace(&mut last, a);
+        before <= a && a == b && a == c
+    };
+    object_of.is_sorted() && triangles.iter().all(follows)
+}
+
+/// A surface whose vertices are of these objects, of which there are so many, in their order.
+fn sorted(skin: &Skin, object_of: &[u32], objects: usize) -> Skin {
+    let vertices = object_of.len();
+    let mut next = firsts(object_of.iter().copied(), objects);
+    let number: Vec<u32> = object_of.iter().map(|object| place(&mut next, *object)).collect();
+    let of = |triangle: &[u32; 3]| object_of[triangle[0] as usize];
+    let is_of_one = |&triangle: &&[u32; 3]| triangle.iter().all(|vertex| object_of[*vertex as usize] == of(triangle));
+    let mut next = firsts(skin.triangles.iter().filter(is_of_one).map(of), objects);
+    let mut triangles = vec![[0; 3]; next[objects] as usize];
+    for triangle in skin.triangles.iter().filter(is_of_one) {
+        triangles[place(&mut next, of(triangle)) as usize] = triangle.map(|vertex| number[vertex as usize]);
+    }
+    let mut sorted = Skin {
+        rest_m: vec![[0.0; 3]; vertices],
+        triangles,
+        bindings: vec![Binding::default(); vertices],
+        raw: vec![false; vertices],
+    };
+    for (old, new) in number.into_iter().enumerate() {
+        let new = new as usize;
+        (sorted.rest_m[new], sorted.bindings[new], sorted.raw[new]) = (skin.rest_m[old], skin.bindings[old], skin.raw[old]);
+    }
+    sorted
+}
+
+/// The place of the first thing of each object in their order, and how many there are in all, of things of these objects.
+fn firsts(objects_of: impl Iterator<Item = u32>, objects: usize) -> Vec<u32> {
+    let mut first = vec![0u32; objects + 1];
+    objects_of.for_each(|object| first[object as usize + 1] += 1);
+    (1..first.len()).for_each(|object| first[object] += first[object - 1]);
+    first
+}
+
+/// The place of the next thing of an object.
+fn place(next: &mut [u32], object: u32) -> u32 {
+    let next = &mut next[object as usize];
+    *next += 1;
+    *next - 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_mesh::TetMesh;
+
+    /// The same by sorts.
+    fn by_sorts(body: &Body) -> Skin {
+        let skin = &body.skin;
+        let object = |vertex: &u32| body.rest.regions[skin.bindings[*vertex as usize].tet as usize];
+        let mut order: Vec<u32> = (0..skin.rest_m.len() as u32).collect();
+        order.sort_by_key(object);
+        let number = |old: u32| order.iter().position(|vertex| *vertex == old).unwrap() as u32;
+        let is_of_one = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| object(vertex) == object(&triangle[0]));
+        let mut triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_one).copied().collect();
+        triangles.sort_by_key(|triangle| object(&triangle[0]));
+        Skin {
+            rest_m: order.iter().map(|old| skin.rest_m[*old as usize]).collect(),
+            triangles: triangles.into_iter().map(|triangle| triangle.map(number)).collect(),
+            bindings: order.iter().map(|old| skin.bindings[*old as usize]).collect(),
+            raw: order.iter().map(|old| skin.raw[*old as usize]).collect(),
+        }
+    }
+
+    /// A body of so many objects whose vertices and triangles are each anybody's.
+    fn mixed(objects: u32, seed: u64) -> Body {
+        const TETS: u32 = 12;
+        const VERTICES: u32 = 40;
+        let mut state = seed;
+        // Knuth's linear congruential generator for 64 bits.
+        let mut below = move |most: u32| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as u32 % most
+        };
+        let regions = (0..TETS).map(|_| below(objects)).collect();
+        let bindings = (0..VERTICES).map(|vertex| Binding { tet: below(TETS), weights: [vertex as f32; 4] }).collect();
+        let triangle = |index: u32| {
+            let vertices = [0; 3].map(|_| below(VERTICES));
+            if index.is_multiple_of(2) { [vertices[0]; 3] } else { vertices }
+        };
+        let skin = Skin {
+            bindings,
+            triangles: (0..2 * VERTICES).map(triangle).collect(),
+            rest_m: (0..VERTICES).map(|vertex| [vertex as f32; 3]).collect(),
+            raw: (0..VERTICES).map(|vertex| vertex.is_multiple_of(3)).collect(),
+        };
+        Body { rest: TetMesh { regions, ..TetMesh::default() }, skin, origin: (0..objects).collect(), ..Body::default() }
+    }
+
+    #[test]
+    fn a_surface_in_whatever_order_comes_into_that_of_the_objects_and_stays_in_it() {
+        for (objects, seed) in (1..=5).flat_map(|objects| (0..20).map(move |seed| (objects, seed))) {
+            let mut body = mixed(objects, seed);
+            let sorted = by_sorts(&body);
+            assert_eq!(objects > 1, sorted != body.skin, "{objects} objects, seed {seed}");
+            for _ in 0..2 {
+                body.sort_skin();
+                assert_eq!(body.skin, sorted, "{objects} objects, seed {seed}");
+            }
+        }
+    }
+}
