@@ -11,6 +11,7 @@
 //! stay closed; mass and momentum are kept, and held nodes stay where they are; same tissue, same sweep: same bits. Everything that a later tick needs
 //! is in the [`Cuttable`], which is plain data: whoever holds it continues.
 
+mod burn;
 mod enclosed;
 mod fans;
 mod neighbourhood;
@@ -21,7 +22,8 @@ mod sheet;
 mod skin;
 mod wire;
 
-use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
+use burn::burn;
+use hyst_mesh::{TetMesh, signed_volume};
 use places::corners;
 use refine::Work;
 use sheet::Sheet;
@@ -48,6 +50,9 @@ pub struct Cuttable {
     pub wire: Vec<Seat>,
     /// The surface for the eye; may be empty.
     pub skin: Skin,
+    /// The part of each tet after the last cut, numbered as [`component_of_each_tet`](hyst_mesh::component_of_each_tet) does; empty if that left the mesh as it
+    /// was.
+    pub part_of_tet: Vec<u32>,
 }
 
 /// How a cut is made.
@@ -210,6 +215,7 @@ impl Cuttable {
             marks: vec![[0.0; 3]; nodes],
             wire: Vec::new(),
             skin: Skin::default(),
+            part_of_tet: Vec::new(),
             rest,
         }
     }
@@ -301,6 +307,9 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     let near = sheet.near(tissue);
     if !near.is_empty() {
         tissue.check_shape()?;
+    }
+    tissue.part_of_tet.clear();
+    if !near.is_empty() {
         let before = tissue.rest.clone();
         let mut skin = std::mem::take(&mut tissue.skin);
         let vertices = skin.rest_m.len();
@@ -329,31 +338,4 @@ fn changed(before: &TetMesh, after: &TetMesh) -> Vec<u32> {
         before.tets.get(*tet as usize) == Some(&nodes) && nodes.iter().all(stays)
     };
     (0..after.tets.len() as u32).filter(|tet| !is_same(tet)).collect()
-}
-
-/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
-fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
-    let part = component_of_each_tet(&tissue.rest);
-    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
-    let mut volume_m3 = vec![0.0; parts];
-    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
-        volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
-    }
-    let most = volume_m3.iter().copied().fold(0.0, f64::max);
-    let least = if report.copied_nodes > 0 { options.min_piece_m3.min(most) } else { 0.0 };
-    report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
-    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
-    report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
-    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
-    if report.burnt_tets > 0 {
-        let mut next = 0..;
-        let number: Vec<Option<u32>> = is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect();
-        tissue.skin.without_tets(&number);
-        let mut kept = is_kept.iter().copied();
-        tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
-        let mut kept = is_kept.iter().copied();
-        tissue.material.retain(|_| kept.next().unwrap_or(true));
-        let mut kept = is_kept.into_iter();
-        tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
-    }
 }

@@ -1,0 +1,40 @@
+//! The parts that a cut leaves, and those of them that are too small to be objects, which the wire burns.
+
+use super::places::corners;
+use super::{CutOptions, CutReport, Cuttable};
+use hyst_mesh::{component_of_each_tet, signed_volume};
+
+/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
+pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
+    let mut part = component_of_each_tet(&tissue.rest);
+    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
+    let mut volume_m3 = vec![0.0; parts];
+    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
+        volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
+    }
+    let most = volume_m3.iter().copied().fold(0.0, f64::max);
+    let least = if report.copied_nodes > 0 { options.min_piece_m3.min(most) } else { 0.0 };
+    report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
+    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
+    report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
+    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
+    if report.burnt_tets > 0 {
+        let mut next = 0..;
+        let number: Vec<Option<u32>> = is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect();
+        tissue.skin.without_tets(&number);
+        retain(&mut tissue.rest.tets, &is_kept);
+        retain(&mut tissue.material, &is_kept);
+        retain(&mut tissue.rest.regions, &is_kept);
+        retain(&mut part, &is_kept);
+        // The parts that are left stay in their order, which is that of their first tets.
+        let mut next = 0..;
+        let number: Vec<Option<u32>> = volume_m3.iter().map(|volume| (*volume >= least).then(|| next.next()).flatten()).collect();
+        part.iter_mut().for_each(|part| *part = number[*part as usize].unwrap_or_default());
+    }
+    tissue.part_of_tet = part;
+}
+
+fn retain<T>(list: &mut Vec<T>, is_kept: &[bool]) {
+    let mut kept = is_kept.iter().copied();
+    list.retain(|_| kept.next().unwrap_or(true));
+}
