@@ -310,7 +310,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     }
     tissue.part_of_tet.clear();
     if !near.is_empty() {
-        let before = tissue.rest.clone();
+        let (before_m, before) = (tissue.rest.positions_m.clone(), tissue.rest.tets.clone());
         let mut skin = std::mem::take(&mut tissue.skin);
         let vertices = skin.rest_m.len();
         report.out_of_room += skin.divide(tissue, &sheet, options);
@@ -318,7 +318,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
         let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
-        let changed = changed(&before, &tissue.rest);
+        let changed = changed(&before_m, &before, &tissue.rest);
         report.out_of_room += skin.bind_again(&tissue.rest, &changed, options);
         report.out_of_room += skin.add_wound(&tissue.rest, &opened, options);
         tissue.skin = skin;
@@ -330,12 +330,13 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     Ok(report)
 }
 
-/// The tets that are not what they were.
-fn changed(before: &TetMesh, after: &TetMesh) -> Vec<u32> {
+/// The tets that are not what they were. `before_m` and `before`: the places of the nodes at rest, and the tets.
+fn changed(before_m: &[[f32; 3]], before: &[[u32; 4]], after: &TetMesh) -> Vec<u32> {
+    let stays = |(node, place): (usize, &[f32; 3])| before_m.get(node) == Some(place);
+    let stays: Vec<bool> = after.positions_m.iter().enumerate().map(stays).collect();
     let is_same = |tet: &u32| {
         let nodes = after.tets[*tet as usize];
-        let stays = |node: &u32| before.positions_m.get(*node as usize) == Some(&after.positions_m[*node as usize]);
-        before.tets.get(*tet as usize) == Some(&nodes) && nodes.iter().all(stays)
+        before.get(*tet as usize) == Some(&nodes) && nodes.iter().all(|node| stays[*node as usize])
     };
     (0..after.tets.len() as u32).filter(|tet| !is_same(tet)).collect()
 }
