@@ -1,6 +1,6 @@
 //! Makes the mesh fit the sheet: snaps nodes to it and bisects edges, until no edge leads from one side to the other.
 
-use super::places::{at, corners, to_single};
+use super::places::{Sides, at, corners, to_single};
 use super::sheet::{Crossing, Sheet};
 use super::{CutOptions, CutReport, Cuttable};
 use glam::{DMat3, DVec3};
@@ -56,24 +56,34 @@ impl<'a> Work<'a> {
     /// All crossings, by edge.
     fn crossings(&self, sheet: &Sheet) -> Vec<Crossed> {
         const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-        let place = |node: u32| at(&self.tissue.position_m, node);
-        let near = self.near.iter().map(|tet| self.tissue.rest.tets[*tet as usize]).filter(|tet| sheet.is_near(tet.map(place)));
-        let ends = near.flat_map(|tet| EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]));
-        let mut edges: Vec<[u32; 2]> = ends.collect();
+        let position_m = &self.tissue.position_m;
+        let mut edges: Vec<[u32; 2]> = Vec::new();
+        for tet in &self.near {
+            let nodes = self.tissue.rest.tets[*tet as usize];
+            let sides = nodes.map(|node| sheet.sides(&position_m[node as usize]));
+            let near = EDGES.into_iter().filter(|[a, b]| Sides::touch([sides[*a], sides[*b]]));
+            edges.extend(near.map(|[a, b]| [nodes[a].min(nodes[b]), nodes[a].max(nodes[b])]));
+        }
         edges.sort_unstable();
         edges.dedup();
-        let crosses = |edge: [u32; 2]| Some((edge, sheet.crossing(place(edge[0]), place(edge[1]))?));
+        let crosses = |edge: [u32; 2]| Some((edge, sheet.crossing(at(position_m, edge[0]), at(position_m, edge[1]))?));
         edges.into_iter().filter_map(crosses).collect()
     }
 
     pub fn refine(&mut self, sheet: &Sheet, report: &mut CutReport) {
         for _ in 0..ROUNDS {
+            let mut crossings = self.crossings(sheet);
+            let moved_nodes = report.moved_nodes;
             // Ends first: an end that is snapped spares the bisection of all the other edges that cross near it.
-            for (edge, crossing) in self.crossings(sheet) {
-                self.snap(edge, crossing, report);
+            for (edge, crossing) in &crossings {
+                self.snap(*edge, *crossing, report);
+            }
+            // Where no node has moved they are what they were.
+            if report.moved_nodes > moved_nodes {
+                crossings = self.crossings(sheet);
             }
             let mut is_done = true;
-            for (edge, crossing) in self.crossings(sheet) {
+            for (edge, crossing) in crossings {
                 is_done &= !self.divide(edge, crossing, report);
             }
             if is_done {

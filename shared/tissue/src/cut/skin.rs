@@ -6,7 +6,7 @@
 //! was; without room nothing is divided, and the wound stays bare.
 
 use super::neighbourhood::Neighbourhood;
-use super::places::{Bounds, at, barycentric, corners, to_single};
+use super::places::{Bounds, Sides, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -61,11 +61,14 @@ impl Skin {
     /// Divides the triangles that the sheet goes through. Tells how many edges found no room.
     pub(super) fn divide(&mut self, tissue: &Cuttable, sheet: &Sheet, options: &CutOptions) -> usize {
         let now_m = &self.place(&tissue.rest.tets, &tissue.position_m)[..];
-        let is_near = |triangle: &&[u32; 3]| sheet.is_near(triangle.map(|vertex| at(now_m, vertex)));
-        let mut edges: Vec<[u32; 2]> = self.triangles.iter().filter(is_near).flat_map(edges_of).collect();
+        let sides: Vec<Sides> = now_m.iter().map(|vertex| sheet.sides(vertex)).collect();
+        let is_near = |triangle: &&[u32; 3]| Sides::touch(triangle.map(|vertex| sides[vertex as usize]));
+        let near = self.triangles.iter().filter(is_near).flat_map(edges_of);
+        let mut edges: Vec<[u32; 2]> = near.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize]))).collect();
         edges.sort_unstable();
         edges.dedup();
-        let (mut middles, mut out_of_room) = (BTreeMap::new(), 0);
+        // By the edges, in their order.
+        let (mut middles, mut out_of_room) = (Vec::new(), 0);
         for [a, b] in edges {
             let (from, to) = (at(now_m, a), at(now_m, b));
             let Some(crossing) = sheet.crossing(from, to) else { continue };
@@ -84,14 +87,20 @@ impl Skin {
             let tet = self.bindings[a as usize].tet;
             let binding = Binding { tet, weights: weights(&tissue.rest, tet, point) };
             let raw = self.raw[a as usize] && self.raw[b as usize];
-            middles.insert([a, b], self.add(to_single(point), binding, raw));
+            middles.push(([a, b], self.add(to_single(point), binding, raw)));
         }
         if middles.is_empty() {
             return out_of_room;
         }
         let whole = std::mem::take(&mut self.triangles);
         self.triangles.reserve(whole.len() + 2 * middles.len());
-        whole.iter().for_each(|triangle| divided(*triangle, &middles, |part| self.triangles.push(part)));
+        for triangle in &whole {
+            if is_near(&triangle) {
+                divided(*triangle, &middles, |part| self.triangles.push(part));
+            } else {
+                self.triangles.push(*triangle);
+            }
+        }
         out_of_room
     }
 
@@ -218,10 +227,13 @@ fn edges_of(triangle: &[u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
 }
 
-/// The parts of a triangle whose edges have these middles.
-fn divided(triangle: [u32; 3], middles: &BTreeMap<[u32; 2], u32>, mut take: impl FnMut([u32; 3])) {
+/// The parts of a triangle whose edges have these middles, which are sorted by them.
+fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut([u32; 3])) {
     let [a, b, c] = triangle;
-    let middle = |from: u32, to: u32| middles.get(&[from.min(to), from.max(to)]).copied();
+    let middle = |from: u32, to: u32| {
+        let place = middles.binary_search_by_key(&[from.min(to), from.max(to)], |(edge, _)| *edge);
+        place.ok().map(|place| middles[place].1)
+    };
     match (middle(a, b), middle(b, c), middle(c, a)) {
         (None, None, None) => take(triangle),
         (Some(ab), None, None) => [[a, ab, c], [ab, b, c]].into_iter().for_each(take),
