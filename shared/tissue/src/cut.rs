@@ -20,6 +20,7 @@ mod refine;
 mod separate;
 mod sheet;
 mod skin;
+mod stars;
 mod wire;
 
 use burn::burn;

@@ -15,8 +15,8 @@ pub enum Fan {
 
 /// The other two nodes of each face at `node`, sorted, with the tet.
 pub fn faces_at(work: &Work, node: u32) -> Vec<([u32; 2], u32)> {
-    let mut faces = Vec::with_capacity(3 * work.star[node as usize].len());
-    for tet in &work.star[node as usize] {
+    let mut faces = Vec::with_capacity(3 * work.star.of(node).len());
+    for tet in work.star.of(node) {
         let nodes = work.tissue.rest.tets[*tet as usize];
         let mut others = nodes.iter().copied().filter(|other| *other != node);
         let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) else { continue };
@@ -48,7 +48,7 @@ impl Work<'_> {
     /// Whether a node is inside the tissue, of one region and of one material.
     pub fn is_inner(&self, node: u32) -> bool {
         let (regions, material) = (&self.tissue.rest.regions, &self.tissue.material);
-        let mut of_star = self.star[node as usize].iter().map(|tet| (regions[*tet as usize], material.get(*tet as usize)));
+        let mut of_star = self.star.of(node).iter().map(|tet| (regions[*tet as usize], material.get(*tet as usize)));
         let first = of_star.next();
         fan(self, node) == Fan::None && first.is_some() && of_star.all(|kind| Some(kind) == first)
     }

@@ -65,7 +65,7 @@ impl Work<'_> {
     /// Faces between two tets, with these, whose nodes all lie on the sheet; sorted.
     pub fn marked_faces(&self) -> Vec<(Face, [u32; 2])> {
         let mut faces = Vec::new();
-        for node in (0..self.star.len() as u32).filter(|node| self.is_marked(*node)) {
+        for node in (0..self.star.nodes() as u32).filter(|node| self.is_marked(*node)) {
             for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
                 let [([a, b], first), (_, second)] = same else { continue };
                 // Each face is met at each of its nodes.
@@ -117,7 +117,7 @@ impl Work<'_> {
             let has_face = |other: &&u32| {
                 **other != tet && [a, b, c].iter().all(|node| self.tissue.rest.tets[**other as usize].contains(node))
             };
-            let Some(side) = self.star[a as usize].iter().find(has_face).and_then(|other| sides[*other as usize]) else {
+            let Some(side) = self.star.of(a).iter().find(has_face).and_then(|other| sides[*other as usize]) else {
                 continue;
             };
             let [a, b, c] = [a, b, c].map(|node| at(&self.tissue.rest.positions_m, node));
@@ -140,7 +140,7 @@ impl Work<'_> {
 
     /// The parts of a node's star that hang together by faces other than these, without the first; `None` if there is one part only.
     fn parting(&self, node: u32, faces: &[Face]) -> Option<Parting> {
-        let star = &self.star[node as usize];
+        let star = self.star.of(node);
         let mut part: Vec<usize> = (0..star.len()).collect();
         let place = |tet: u32| star.iter().position(|other| *other == tet);
         for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
@@ -171,8 +171,9 @@ impl Work<'_> {
                 for tet in part {
                     self.rename(*tet, *node, copy);
                 }
-                self.star[*node as usize].retain(|tet| !part.contains(tet));
-                self.star[copy as usize].clone_from(part);
+                self.star.retain(*node, |tet| !part.contains(&tet));
+                self.star.clear(copy);
+                self.star.extend(copy, part);
                 copies.push([copy, *node]);
             }
         }
@@ -186,12 +187,12 @@ impl Work<'_> {
             for tet in part {
                 self.rename(*tet, *copy, *node);
             }
-            self.star[*node as usize].extend(part);
-            self.star[*node as usize].sort_unstable();
-            self.star[*copy as usize].clear();
+            self.star.extend(*node, part);
+            self.star.sort(*node);
+            self.star.clear(*copy);
         }
         for [copy, _] in copies.iter().rev() {
-            if *copy as usize + 1 < self.star.len() {
+            if *copy as usize + 1 < self.star.nodes() {
                 self.free.push(*copy);
                 continue;
             }
@@ -200,7 +201,7 @@ impl Work<'_> {
                 points.pop();
             }
             tissue.fixed.pop();
-            self.star.pop();
+            self.star.drop_node();
         }
     }
 
@@ -212,7 +213,7 @@ impl Work<'_> {
     /// Nodes around the partings, by their originals, at which the boundary is no surface.
     fn bad_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
         let parted = partings.iter().map(|(node, _)| *node).chain(copies.iter().map(|[copy, _]| *copy));
-        let tets = parted.flat_map(|node| self.star[node as usize].iter().copied());
+        let tets = parted.flat_map(|node| self.star.of(node).iter().copied());
         let mut nodes: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[tet as usize]).collect();
         nodes.sort_unstable();
         nodes.dedup();
@@ -233,7 +234,7 @@ impl Work<'_> {
         if kept.len() < faces.len() {
             return kept;
         }
-        let tets = bad.iter().flat_map(|node| self.star[*node as usize].iter());
+        let tets = bad.iter().flat_map(|node| self.star.of(*node).iter());
         let mut near: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[*tet as usize]).collect();
         near.sort_unstable();
         let kept = keep(&near);
@@ -243,7 +244,7 @@ impl Work<'_> {
     /// The two tets that have a face in common.
     pub fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
         let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
-        let mut both = self.star[face[0] as usize].iter().filter(has);
+        let mut both = self.star.of(face[0]).iter().filter(has);
         Some([*both.next()?, *both.next()?])
     }
 
