@@ -124,7 +124,8 @@ impl Work<'_> {
         walls.iter().filter(is_between).copied().collect()
     }
 
-    fn faces_of(&self, tet: u32) -> [Face; 4] {
+    /// The faces of a tet.
+    pub fn faces_of(&self, tet: u32) -> [Face; 4] {
         let nodes = self.tissue.rest.tets[tet as usize];
         FACES.map(|places| {
             let mut face = places.map(|place| nodes[place]);

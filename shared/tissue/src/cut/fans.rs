@@ -28,9 +28,21 @@ pub fn faces_at(work: &Work, node: u32) -> Vec<([u32; 2], u32)> {
 
 /// The boundary at a node.
 pub fn fan(work: &Work, node: u32) -> Fan {
-    let faces = faces_at(work, node);
-    let single = faces.chunk_by(|left, right| left.0 == right.0).filter(|same| same.len() == 1);
-    let edges: Vec<[u32; 2]> = single.map(|same| same[0].0).collect();
+    fan_of(work.star.of(node).iter().map(|tet| work.tissue.rest.tets[*tet as usize]), node)
+}
+
+/// The boundary of some tets at a node that all of them have.
+pub fn fan_of(tets: impl Iterator<Item = [u32; 4]>, node: u32) -> Fan {
+    let mut edges: Vec<[u32; 2]> = Vec::new();
+    for nodes in tets {
+        let mut others = nodes.into_iter().filter(|other| *other != node);
+        let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) else { continue };
+        edges.extend([[a, b], [b, c], [a, c]].map(|[a, b]| [a.min(b), a.max(b)]));
+    }
+    // As one number each, which takes one comparison.
+    edges.sort_unstable_by_key(|[a, b]| u64::from(*a) << 32 | u64::from(*b));
+    let edges: Vec<[u32; 2]> =
+        edges.chunk_by(|left, right| left == right).filter(|same| same.len() == 1).map(|same| same[0]).collect();
     let Some(first) = edges.first() else { return Fan::None };
     // Round the fan: from each edge to the other one at its second end, until the first comes again.
     let (mut edge, mut end, mut steps) = (*first, first[1], 0);

@@ -22,6 +22,8 @@ pub struct Work<'a> {
     pub free: Vec<u32>,
     /// Tets that may touch the sheet, each once.
     near: Vec<u32>,
+    /// Tets with three nodes on the sheet at least, once it is opened: a copy of a node is on it as the node is, so that they stay these.
+    pub on_sheet: Vec<u32>,
 }
 
 /// An edge that crosses the sheet: its ends, the lower node first.
@@ -33,7 +35,7 @@ impl<'a> Work<'a> {
         let nodes = tissue.rest.positions_m.len();
         let star = Stars::new(nodes, &tissue.rest.tets);
         let free = (0..nodes as u32).rev().filter(|node| star.of(*node).is_empty()).collect();
-        Work { tissue, options, star, free, near }
+        Work { tissue, options, star, free, near, on_sheet: Vec::new() }
     }
 
     /// Tets that have both nodes.

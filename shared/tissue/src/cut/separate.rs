@@ -1,7 +1,7 @@
 //! Opens the faces that lie between the two sides of the sheet.
 
 use super::CutReport;
-use super::fans::{Fan, faces_at, fan};
+use super::fans::{Fan, faces_at, fan, fan_of};
 use super::places::at;
 use super::refine::Work;
 use glam::DVec3;
@@ -17,6 +17,7 @@ type Parting = (u32, Vec<Vec<u32>>);
 impl Work<'_> {
     /// Opens what can be opened of the faces on the sheet; gives the two tets of each that is open now.
     pub fn open(&mut self, report: &mut CutReport) -> Vec<[u32; 2]> {
+        self.on_sheet = self.tets_on_sheet();
         let before = report.out_of_room;
         let mut opened = self.open_faces(self.faces_on_sheet(), report);
         // Without room for copies all of the sheet is closed, and nothing can be freed.
@@ -38,9 +39,8 @@ impl Work<'_> {
                 break;
             }
             let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| self.tets_at(face)).collect();
-            let bad_before = self.bad_nodes(&partings, &[]);
             let copies = self.part(&partings);
-            let bad: Vec<u32> = self.bad_nodes(&partings, &copies).into_iter().filter(|bad| !bad_before.contains(bad)).collect();
+            let bad = self.spoilt_nodes(&partings, &copies);
             if bad.is_empty() {
                 report.copied_nodes += copies.len();
                 let opened = faces.iter().zip(tets).filter(|(face, _)| !self.is_closed(face));
@@ -64,18 +64,23 @@ impl Work<'_> {
 
     /// Faces between two tets, with these, whose nodes all lie on the sheet; sorted.
     pub fn marked_faces(&self) -> Vec<(Face, [u32; 2])> {
-        let mut faces = Vec::new();
-        for node in (0..self.star.nodes() as u32).filter(|node| self.is_marked(*node)) {
-            for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
-                let [([a, b], first), (_, second)] = same else { continue };
-                // Each face is met at each of its nodes.
-                if node < *a && self.is_marked(*a) && self.is_marked(*b) {
-                    faces.push(([node, *a, *b], [*first, *second]));
-                }
-            }
+        let mut faces: Vec<(Face, u32)> = Vec::with_capacity(2 * self.on_sheet.len());
+        for tet in &self.on_sheet {
+            let marked = self.faces_of(*tet).into_iter().filter(|face| face.iter().all(|node| self.is_marked(*node)));
+            faces.extend(marked.map(|face| (face, *tet)));
         }
         faces.sort_unstable();
-        faces
+        let with_both = |same: &[(Face, u32)]| {
+            if let [(face, first), (_, second)] = same { Some((*face, [*first, *second])) } else { None }
+        };
+        faces.chunk_by(|left, right| left.0 == right.0).filter_map(with_both).collect()
+    }
+
+    /// The tets that have a face on the sheet at least, in their order.
+    fn tets_on_sheet(&self) -> Vec<u32> {
+        let is_marked: Vec<bool> = (0..self.star.nodes() as u32).map(|node| self.is_marked(node)).collect();
+        let marked = |tet: &[u32; 4]| tet.iter().filter(|node| is_marked[**node as usize]).count();
+        (0..).zip(&self.tissue.rest.tets).filter(|(_, tet)| marked(tet) >= 3).map(|(tet, _)| tet).collect()
     }
 
     /// On which side of the sheet each tet is that has a face on it. A tet that lies in the sheet with all its nodes is where most of its faces'
@@ -83,15 +88,11 @@ impl Work<'_> {
     fn sides(&self) -> Vec<bool> {
         let mut sides = vec![Some(false); self.tissue.rest.tets.len()];
         let mut unknown = Vec::new();
-        for (tet, nodes) in self.tissue.rest.tets.iter().enumerate() {
-            match nodes.iter().filter(|node| self.is_marked(**node)).count() {
-                3 => sides[tet] = Some(self.is_above(tet as u32)),
-                4 => {
-                    sides[tet] = None;
-                    unknown.push(tet as u32);
-                }
-                _ => {}
-            }
+        for tet in &self.on_sheet {
+            let nodes = self.tissue.rest.tets[*tet as usize];
+            let lies_in_it = nodes.iter().all(|node| self.is_marked(*node));
+            sides[*tet as usize] = if lies_in_it { None } else { Some(self.is_above(*tet)) };
+            unknown.extend(lies_in_it.then_some(*tet));
         }
         // Each round finds at least one.
         while !unknown.is_empty() {
@@ -210,8 +211,8 @@ impl Work<'_> {
         *nodes = nodes.map(|node| if node == from { to } else { node });
     }
 
-    /// Nodes around the partings, by their originals, at which the boundary is no surface.
-    fn bad_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
+    /// Nodes around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
+    fn spoilt_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
         let parted = partings.iter().map(|(node, _)| *node).chain(copies.iter().map(|[copy, _]| *copy));
         let tets = parted.flat_map(|node| self.star.of(node).iter().copied());
         let mut nodes: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[tet as usize]).collect();
@@ -221,6 +222,11 @@ impl Work<'_> {
         let mut bad: Vec<u32> = nodes.into_iter().filter(|node| fan(self, *node) == Fan::Bad).map(original).collect();
         bad.sort_unstable();
         bad.dedup();
+        bad.retain(|node| {
+            let copies = copies.iter().filter(|[_, original]| original == node).map(|[copy, _]| *copy);
+            let tets = copies.chain([*node]).flat_map(|node| self.star.of(node));
+            fan_of(tets.map(|tet| self.tissue.rest.tets[*tet as usize].map(original)), *node) != Fan::Bad
+        });
         bad
     }
 
