@@ -5,7 +5,7 @@
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
 
-use super::neighbourhood::Neighbourhood;
+use super::neighbourhood::{Cells, Neighbourhood};
 use super::places::{Bounds, Sides, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
@@ -112,9 +112,10 @@ impl Skin {
         let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
         let mut is_changed = vec![false; rest.tets.len()];
         changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
+        let cells = Cells::new(&boxes);
         let is_loose = |vertex: u32| {
-            let here = Bounds::around([at(&self.rest_m, vertex)]);
-            let is_in_one = || here.touches(&box_of_change) && boxes.iter().any(|around| here.touches(around));
+            let here = at(&self.rest_m, vertex);
+            let is_in_one = || box_of_change.has(here) && cells.at(here).any(|index| boxes[index as usize].has(here));
             is_changed[self.bindings[vertex as usize].tet as usize] || is_in_one()
         };
         let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
@@ -128,15 +129,16 @@ impl Skin {
         let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| at(&self.rest_m, vertex));
         let reach = Bounds::around(points).with(box_of_change);
         let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
-        let mut at_vertex: Vec<(u32, Hosted)> = Vec::with_capacity(3 * near.len());
-        for triangle in near {
-            let Some(hosted) = self.host(&place, triangle) else { continue };
-            let corners = self.triangles[triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
-            at_vertex.extend(corners.map(|vertex| (vertex, hosted)));
+        let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
+        // Each loose vertex with its triangles, in their order.
+        let mut at_vertex: Vec<[u32; 2]> = Vec::with_capacity(3 * hosted.len());
+        for (index, one) in (0..).zip(&hosted) {
+            let corners = self.triangles[one.triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
+            at_vertex.extend(corners.map(|vertex| [vertex, index]));
         }
-        at_vertex.sort_unstable_by_key(|(vertex, hosted)| (*vertex, hosted.triangle));
-        let by_vertex = at_vertex.chunk_by(|one, other| one.0 == other.0);
-        by_vertex.map(|triangles| self.part(&mut place, triangles, options)).sum()
+        at_vertex.sort_unstable_by_key(|[vertex, index]| u64::from(*vertex) << 32 | u64::from(*index));
+        let by_vertex = at_vertex.chunk_by(|one, other| one[0] == other[0]);
+        by_vertex.map(|at_vertex| self.part(&mut place, &hosted, at_vertex, options)).sum()
     }
 
     /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
@@ -150,10 +152,11 @@ impl Skin {
         Some(Hosted { triangle, home, middle })
     }
 
-    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. Tells how many found no room.
-    fn part(&mut self, place: &mut Neighbourhood<'_>, triangles: &[(u32, Hosted)], options: &CutOptions) -> usize {
-        let Some((vertex, _)) = triangles.first().copied() else { return 0 };
-        let triangles = || triangles.iter().map(|(_, hosted)| hosted);
+    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `at_vertex`: the vertex with each of them.
+    /// Tells how many found no room.
+    fn part(&mut self, place: &mut Neighbourhood<'_>, hosted: &[Hosted], at_vertex: &[[u32; 2]], options: &CutOptions) -> usize {
+        let Some([vertex, _]) = at_vertex.first().copied() else { return 0 };
+        let triangles = || at_vertex.iter().map(|[_, index]| &hosted[*index as usize]);
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
         let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
@@ -161,7 +164,7 @@ impl Skin {
         let parts = place.parts_around(point, radius_m, triangles().map(|one| one.home));
         let mut out_of_room = 0;
         for (number, part) in parts.iter().enumerate() {
-            let Some(nearest) = place.nearest(point, part.iter().copied()) else { continue };
+            let Some(nearest) = place.nearest(part.iter().copied()) else { continue };
             let tet = place.tets[nearest as usize];
             let binding = Binding { tet, weights: weights(place.rest, tet, point) };
             if number == 0 {
@@ -173,7 +176,7 @@ impl Skin {
                 continue;
             }
             let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
-            for one in triangles().filter(|one| part.contains(&one.home)) {
+            for one in triangles().filter(|one| part.iter().any(|(index, _)| *index == one.home)) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
             }
