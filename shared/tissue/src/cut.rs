@@ -25,7 +25,7 @@ mod wire;
 
 use burn::burn;
 use hyst_mesh::{TetMesh, signed_volume};
-use places::corners;
+use places::{are_finite, corners};
 use refine::Work;
 use sheet::Sheet;
 
@@ -245,10 +245,8 @@ impl Cuttable {
         if let Some((what, found, expected)) = lists.into_iter().find(|(_, found, expected)| found != expected) {
             return Err(CutError::Length { what, found, expected });
         }
-        let names =
-            |(tet, names): (usize, &[u32; 4])| names.iter().find(|node| **node as usize >= nodes).map(|node| (tet, *node));
-        match self.rest.tets.iter().enumerate().find_map(names) {
-            Some((tet, node)) => Err(CutError::NodeIndex { tet, node, nodes }),
+        match self.rest.tets.as_flattened().iter().position(|node| *node as usize >= nodes) {
+            Some(place) => Err(CutError::NodeIndex { tet: place / 4, node: self.rest.tets[place / 4][place % 4], nodes }),
             None if self.skin.is_sound(self.rest.tets.len()) => Ok(()),
             None => Err(CutError::Skin { tets: self.rest.tets.len() }),
         }
@@ -263,7 +261,7 @@ impl Cuttable {
             ("a velocity", &self.velocity_m_s),
             ("a mark", &self.marks),
         ];
-        for (what, points) in lists {
+        for (what, points) in lists.into_iter().filter(|(_, points)| !are_finite(points)) {
             if let Some(node) = points.iter().position(is_bad) {
                 return Err(CutError::NotFinite { what, node });
             }

@@ -78,6 +78,11 @@ impl Sides {
     }
 }
 
+/// Whether all coordinates are numbers; looks at all of them, which takes less time than to stop at the first that is none.
+pub fn are_finite(points_m: &[[f32; 3]]) -> bool {
+    points_m.as_flattened().iter().fold(true, |all, coordinate| all & coordinate.is_finite())
+}
+
 /// A point in double precision.
 pub fn at(positions_m: &[[f32; 3]], node: u32) -> DVec3 {
     DVec3::from_array(positions_m[node as usize].map(f64::from))

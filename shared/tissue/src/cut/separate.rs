@@ -249,8 +249,9 @@ impl Work<'_> {
 
     /// The two tets that have a face in common.
     pub fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
-        let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
-        let mut both = self.star.of(face[0]).iter().filter(has);
+        let [first, others @ ..] = face;
+        let has = |tet: &&u32| others.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
+        let mut both = self.star.of(*first).iter().filter(has);
         Some([*both.next()?, *both.next()?])
     }
 

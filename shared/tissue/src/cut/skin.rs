@@ -6,7 +6,7 @@
 //! was; without room nothing is divided, and the wound stays bare.
 
 use super::neighbourhood::{Cells, Neighbourhood};
-use super::places::{Bounds, Sides, at, barycentric, corners, to_single};
+use super::places::{Bounds, Sides, are_finite, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -47,8 +47,8 @@ impl Skin {
         self.bindings.len() == vertices
             && self.raw.len() == vertices
             && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
-            && self.triangles.iter().flatten().all(|vertex| (*vertex as usize) < vertices)
-            && self.rest_m.iter().flatten().all(|coordinate| coordinate.is_finite())
+            && self.triangles.as_flattened().iter().max().is_none_or(|last| (*last as usize) < vertices)
+            && are_finite(&self.rest_m)
     }
 
     fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
