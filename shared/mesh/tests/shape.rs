@@ -183,7 +183,7 @@ proptest! {
     #[test]
     fn components_are_what_a_search_finds(tets in prop::collection::vec(prop::array::uniform4(0..200_u32), 0..60)) {
         let mesh = mesh(&[[0.0; 3]; 200], &tets);
-        let mut expected = vec![None; tets.len()];
+        let mut expected: Vec<Option<u32>> = vec![None; tets.len()];
         let mut components = 0..;
         for first in 0..tets.len() {
             let mut next = if expected[first].is_none() { vec![first] } else { Vec::new() };
