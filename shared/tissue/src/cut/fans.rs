@@ -33,7 +33,7 @@ pub fn fan(work: &Work, node: u32) -> Fan {
 
 /// The boundary of some tets at a node that all of them have.
 pub fn fan_of(tets: impl Iterator<Item = [u32; 4]>, node: u32) -> Fan {
-    let mut edges: Vec<[u32; 2]> = Vec::new();
+    let mut edges: Vec<[u32; 2]> = Vec::with_capacity(3 * tets.size_hint().0);
     for nodes in tets {
         let mut others = nodes.into_iter().filter(|other| *other != node);
         let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) else { continue };

@@ -20,7 +20,7 @@ pub struct Work<'a> {
     pub star: Stars,
     /// Nodes that no tet uses, the lowest last: they are used again.
     pub free: Vec<u32>,
-    /// Tets that may touch the sheet, each once.
+    /// Tets that may touch the sheet, some more than once.
     near: Vec<u32>,
     /// Tets with three nodes on the sheet at least, once it is opened: a copy of a node is on it as the node is, so that they stay these.
     pub on_sheet: Vec<u32>,
@@ -130,8 +130,6 @@ impl<'a> Work<'a> {
             report.moved_nodes += 1;
             // It takes along tets that were clear of the sheet.
             self.near.extend(self.star.of(near));
-            self.near.sort_unstable();
-            self.near.dedup();
         }
         self.put_mark(near, normal);
     }
