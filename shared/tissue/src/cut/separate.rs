@@ -267,3 +267,93 @@ fn nodes_of(faces: &[Face]) -> Vec<u32> {
     nodes.dedup();
     nodes
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cut::{CutOptions, Cuttable};
+    use hyst_mesh::TetMesh;
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
+
+    /// Orders of the axes along which six tets of a cube lead from one of its corners to the opposite one.
+    const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    /// Cells of a block along each edge.
+    const CELLS: u32 = 2;
+
+    /// A block of tets, of which these shares tell which are left out: what is left may touch itself in edges and nodes.
+    fn block(shares: &[u8]) -> Cuttable {
+        let node = |[x, y, z]: [u32; 3]| (z * (CELLS + 1) + y) * (CELLS + 1) + x;
+        let cells = (0..CELLS.pow(3)).map(|cell| [cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS]);
+        let of_cell = |low: [u32; 3]| {
+            ORDERS.map(|order| {
+                let mut place = low;
+                let ends = order.map(|axis| {
+                    place[axis] += 1;
+                    node(place)
+                });
+                [node(low), ends[0], ends[1], ends[2]]
+            })
+        };
+        let mut shares = shares.iter().cycle();
+        let tets: Vec<[u32; 4]> = cells.flat_map(of_cell).filter(|_| shares.next() > Some(&0)).collect();
+        let positions_m = vec![[0.0; 3]; (CELLS + 1).pow(3) as usize];
+        Cuttable::at_rest(TetMesh { positions_m, regions: vec![0; tets.len()], tets })
+    }
+
+    /// The faces between two tets, sorted.
+    fn inner_faces(work: &Work) -> Vec<Face> {
+        let mut faces: Vec<Face> = (0..work.tissue.rest.tets.len() as u32).flat_map(|tet| work.faces_of(tet)).collect();
+        faces.sort_unstable();
+        faces.dedup();
+        faces.retain(|face| work.tets_at(face).is_some());
+        faces
+    }
+
+    fn bad_nodes(work: &Work) -> Vec<u32> {
+        (0..work.star.nodes() as u32).filter(|node| fan(work, *node) == Fan::Bad).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 500, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn nodes_are_spoilt_that_are_bad_with_the_copies_and_were_not_before(
+            left_out in prop::collection::vec(0..12_u8, 48),
+            opened in prop::collection::vec(0..10_u8, 96),
+            share in 1..10_u8,
+        ) {
+            let (mut tissue, options) = (block(&left_out), CutOptions::default());
+            let mut work = Work::new(&mut tissue, &options, Vec::new());
+            let mut opened = opened.into_iter().cycle();
+            let mut faces = inner_faces(&work);
+            faces.retain(|_| opened.next() < Some(share));
+            let (before, bad_before) = (work.tissue.rest.clone(), bad_nodes(&work));
+            let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| work.parting(node, &faces)).collect();
+            let copies = work.part(&partings);
+            let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
+            let mut expected: Vec<u32> = bad_nodes(&work).into_iter().map(original).collect();
+            expected.retain(|node| !bad_before.contains(node));
+            expected.sort_unstable();
+            expected.dedup();
+            prop_assert_eq!(work.spoilt_nodes(&partings, &copies), expected);
+            work.join_again(&partings, &copies);
+            prop_assert_eq!(&work.tissue.rest.tets, &before.tets);
+        }
+
+        #[test]
+        fn faces_on_the_sheet_are_those_between_two_tets_whose_nodes_all_are(
+            left_out in prop::collection::vec(0..12_u8, 48),
+            is_marked in prop::collection::vec(any::<bool>(), 27),
+        ) {
+            let (mut tissue, options) = (block(&left_out), CutOptions::default());
+            tissue.marks = is_marked.iter().map(|is_marked| [0.0, 0.0, f32::from(u8::from(*is_marked))]).collect();
+            let mut work = Work::new(&mut tissue, &options, Vec::new());
+            work.on_sheet = work.tets_on_sheet();
+            let mut expected = inner_faces(&work);
+            expected.retain(|face| face.iter().all(|node| is_marked[*node as usize]));
+            let tets = |face: &Face| (*face, work.tets_at(face).expect("an inner face"));
+            prop_assert_eq!(work.marked_faces(), expected.iter().map(tets).collect::<Vec<_>>());
+        }
+    }
+}
