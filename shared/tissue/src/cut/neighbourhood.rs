@@ -3,6 +3,7 @@
 use super::places::{Bounds, corners};
 use glam::DVec3;
 use hyst_mesh::{FACES, TetMesh};
+use std::cell::OnceCell;
 use std::ops::Range;
 
 /// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
@@ -18,7 +19,8 @@ pub struct Neighbourhood<'a> {
     pub tets: Vec<u32>,
     cells: Cells,
     bounds: Vec<Bounds>,
-    planes: Vec<Planes>,
+    /// Made when they are first asked for: of many tets nothing is.
+    planes: Vec<OnceCell<Planes>>,
     joined: Vec<[Option<u32>; 4]>,
     /// How many parts were found so far, by which each is known, and for each tet the last of them that it is in, and for which it was looked at.
     parts: u32,
@@ -55,10 +57,9 @@ impl Planes {
 impl<'a> Neighbourhood<'a> {
     pub fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
-        let corners = |nodes: &[u32; 4]| corners(&rest.positions_m, *nodes);
-        let bounds: Vec<Bounds> = nodes.iter().map(|nodes| Bounds::around(corners(nodes))).collect();
-        let planes = nodes.iter().map(|nodes| Planes::of(corners(nodes))).collect();
-        let (cells, joined) = (Cells::new(&bounds), joined(&nodes));
+        let bounds: Vec<Bounds> = nodes.iter().map(|nodes| Bounds::around(corners(&rest.positions_m, *nodes))).collect();
+        let planes = tets.iter().map(|_| OnceCell::new()).collect();
+        let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
         let (is_in, looked_at) = (vec![0; tets.len()], vec![0; tets.len()]);
         Neighbourhood { rest, tets, cells, bounds, planes, joined, parts: 0, is_in, looked_at }
     }
@@ -69,7 +70,11 @@ impl<'a> Neighbourhood<'a> {
 
     /// How far a point is inside of the face that it is least inside of, m.
     pub fn depth_m(&self, index: u32, point: DVec3) -> f64 {
-        self.planes[index as usize].depth_m(point)
+        let planes = self.planes[index as usize].get_or_init(|| {
+            let nodes = self.rest.tets[self.tets[index as usize] as usize];
+            Planes::of(corners(&self.rest.positions_m, nodes))
+        });
+        planes.depth_m(point)
     }
 
     /// Whether a point that is so deep in a tet is around it beyond doubt.
@@ -139,25 +144,45 @@ impl<'a> Neighbourhood<'a> {
     }
 }
 
-/// For each tet the others that have a face with it alone.
-fn joined(tets: &[[u32; 4]]) -> Vec<[Option<u32>; 4]> {
-    // A face and where it comes from (4 × tet + face) as one number: so they are sorted with one comparison each.
-    let mut faces: Vec<u128> = Vec::with_capacity(4 * tets.len());
+/// A face that was met, but for its lowest node.
+struct Met {
+    others: [u32; 2],
+    /// How many tets have it.
+    tets: usize,
+    /// The first and the last place where it was met (4 × tet + face).
+    first: usize,
+    last: usize,
+    /// The face of the same lowest node that was met before it.
+    before: Option<u32>,
+}
+
+/// For each tet the others that have a face with it alone. `nodes`: how many there are.
+fn joined(nodes: usize, tets: &[[u32; 4]]) -> Vec<[Option<u32>; 4]> {
+    // Few faces have the same lowest node, so that each is found among them faster than all are sorted.
+    let mut last_at: Vec<Option<u32>> = vec![None; nodes];
+    let mut faces: Vec<Met> = Vec::with_capacity(3 * tets.len());
     for (index, nodes) in tets.iter().enumerate() {
         for (face, places) in FACES.iter().enumerate() {
             let mut key = places.map(|place| nodes[place]);
             key.sort_unstable();
-            let [a, b, c] = key.map(u128::from);
-            faces.push(a << 96 | b << 64 | c << 32 | (4 * index + face) as u128);
+            let ([lowest, b, c], place) = (key, 4 * index + face);
+            let mut met = last_at[lowest as usize];
+            while let Some(other) = met.filter(|other| faces[*other as usize].others != [b, c]) {
+                met = faces[other as usize].before;
+            }
+            if let Some(same) = met {
+                let same = &mut faces[same as usize];
+                (same.tets, same.last) = (same.tets + 1, place);
+                continue;
+            }
+            let before = last_at[lowest as usize].replace(faces.len() as u32);
+            faces.push(Met { others: [b, c], tets: 1, first: place, last: place, before });
         }
     }
-    faces.sort_unstable();
     let mut joined = vec![[None; 4]; tets.len()];
-    for same in faces.chunk_by(|left, right| left >> 32 == right >> 32) {
-        let [one, other] = same else { continue };
-        let [one, other] = [*one as u32, *other as u32];
-        joined[one as usize / 4][one as usize % 4] = Some(other / 4);
-        joined[other as usize / 4][other as usize % 4] = Some(one / 4);
+    for Met { first, last, .. } in faces.into_iter().filter(|face| face.tets == 2) {
+        joined[first / 4][first % 4] = Some(last as u32 / 4);
+        joined[last / 4][last % 4] = Some(first as u32 / 4);
     }
     joined
 }
