@@ -87,9 +87,7 @@ pub fn component_of_each_triangle(mesh: &TriangleMesh) -> Vec<u32> {
 
 fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut sets = Sets::new(nodes);
-    for cell in cells {
-        cell.iter().skip(1).fold(cell[0], |root, &node| sets.join(root, node));
-    }
+    cells.iter().for_each(|cell| sets.join_all(cell));
     let mut number_of_root = vec![u32::MAX; nodes];
     let mut next = 0;
     let mut numbers = Vec::with_capacity(cells.len());
@@ -121,6 +119,16 @@ impl Sets {
             member = grandparent;
         }
         member
+    }
+
+    /// Makes one of the sets of some members. Most cells come when their nodes hang together already, below one parent.
+    fn join_all<const N: usize>(&mut self, members: &[u32; N]) {
+        let parents = members.map(|member| self.parent[member as usize]);
+        if parents.iter().all(|parent| *parent == parents[0]) {
+            return;
+        }
+        let root = parents.into_iter().reduce(|root, parent| self.join(root, parent)).unwrap_or_default();
+        members.iter().for_each(|member| self.parent[*member as usize] = root);
     }
 
     /// Makes one of the sets of two members; its root.

@@ -1,6 +1,8 @@
 //! Promises of `check`, `repair` and `boundary`, by hand arithmetic on meshes of a few tets.
 
 use hyst_mesh::*;
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 /// One tet with edges 1 along the axes: volume 1/6.
 fn corner() -> TetMesh {
@@ -172,4 +174,27 @@ fn the_unit_is_the_one_that_gives_the_expected_size() {
     assert_eq!(guess_unit(6.5, 0.1), Unit::Centimetre);
     assert_eq!(guess_unit(0.2, 0.1), Unit::Metre);
     assert_eq!(guess_unit(f32::NAN, 0.1), Unit::Metre);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// In whatever order tets come, what hangs together is what a search from tet to tet finds.
+    #[test]
+    fn components_are_what_a_search_finds(tets in prop::collection::vec(prop::array::uniform4(0..200_u32), 0..60)) {
+        let mesh = mesh(&[[0.0; 3]; 200], &tets);
+        let mut expected: Vec<Option<u32>> = vec![None; tets.len()];
+        let mut components = 0..;
+        for first in 0..tets.len() {
+            let mut next = if expected[first].is_none() { vec![first] } else { Vec::new() };
+            let number = if next.is_empty() { None } else { components.next() };
+            while let Some(tet) = next.pop() {
+                expected[tet] = number;
+                let touches = |other: &usize| expected[*other].is_none() && tets[*other].iter().any(|node| tets[tet].contains(node));
+                next.extend((0..tets.len()).filter(touches));
+            }
+        }
+        let found: Vec<Option<u32>> = component_of_each_tet(&mesh).into_iter().map(Some).collect();
+        prop_assert_eq!(found, expected);
+    }
 }

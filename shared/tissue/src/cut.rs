@@ -11,6 +11,7 @@
 //! stay closed; mass and momentum are kept, and held nodes stay where they are; same tissue, same sweep: same bits. Everything that a later tick needs
 //! is in the [`Cuttable`], which is plain data: whoever holds it continues.
 
+mod burn;
 mod enclosed;
 mod fans;
 mod neighbourhood;
@@ -19,10 +20,12 @@ mod refine;
 mod separate;
 mod sheet;
 mod skin;
+mod stars;
 mod wire;
 
-use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
-use places::corners;
+use burn::burn;
+use hyst_mesh::{TetMesh, signed_volume};
+use places::{are_finite, corners};
 use refine::Work;
 use sheet::Sheet;
 
@@ -48,6 +51,9 @@ pub struct Cuttable {
     pub wire: Vec<Seat>,
     /// The surface for the eye; may be empty.
     pub skin: Skin,
+    /// The part of each tet after the last cut, numbered as [`component_of_each_tet`](hyst_mesh::component_of_each_tet) does; empty if that left the mesh as it
+    /// was.
+    pub part_of_tet: Vec<u32>,
 }
 
 /// How a cut is made.
@@ -210,6 +216,7 @@ impl Cuttable {
             marks: vec![[0.0; 3]; nodes],
             wire: Vec::new(),
             skin: Skin::default(),
+            part_of_tet: Vec::new(),
             rest,
         }
     }
@@ -238,10 +245,8 @@ impl Cuttable {
         if let Some((what, found, expected)) = lists.into_iter().find(|(_, found, expected)| found != expected) {
             return Err(CutError::Length { what, found, expected });
         }
-        let names =
-            |(tet, names): (usize, &[u32; 4])| names.iter().find(|node| **node as usize >= nodes).map(|node| (tet, *node));
-        match self.rest.tets.iter().enumerate().find_map(names) {
-            Some((tet, node)) => Err(CutError::NodeIndex { tet, node, nodes }),
+        match self.rest.tets.as_flattened().iter().position(|node| *node as usize >= nodes) {
+            Some(place) => Err(CutError::NodeIndex { tet: place / 4, node: self.rest.tets[place / 4][place % 4], nodes }),
             None if self.skin.is_sound(self.rest.tets.len()) => Ok(()),
             None => Err(CutError::Skin { tets: self.rest.tets.len() }),
         }
@@ -256,7 +261,7 @@ impl Cuttable {
             ("a velocity", &self.velocity_m_s),
             ("a mark", &self.marks),
         ];
-        for (what, points) in lists {
+        for (what, points) in lists.into_iter().filter(|(_, points)| !are_finite(points)) {
             if let Some(node) = points.iter().position(is_bad) {
                 return Err(CutError::NotFinite { what, node });
             }
@@ -301,7 +306,10 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     let near = sheet.near(tissue);
     if !near.is_empty() {
         tissue.check_shape()?;
-        let before = tissue.rest.clone();
+    }
+    tissue.part_of_tet.clear();
+    if !near.is_empty() {
+        let (before_m, before) = (tissue.rest.positions_m.clone(), tissue.rest.tets.clone());
         let mut skin = std::mem::take(&mut tissue.skin);
         let vertices = skin.rest_m.len();
         report.out_of_room += skin.divide(tissue, &sheet, options);
@@ -309,7 +317,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
         let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
-        let changed = changed(&before, &tissue.rest);
+        let changed = changed(&before_m, &before, &tissue.rest);
         report.out_of_room += skin.bind_again(&tissue.rest, &changed, options);
         report.out_of_room += skin.add_wound(&tissue.rest, &opened, options);
         tissue.skin = skin;
@@ -321,39 +329,13 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     Ok(report)
 }
 
-/// The tets that are not what they were.
-fn changed(before: &TetMesh, after: &TetMesh) -> Vec<u32> {
+/// The tets that are not what they were. `before_m` and `before`: the places of the nodes at rest, and the tets.
+fn changed(before_m: &[[f32; 3]], before: &[[u32; 4]], after: &TetMesh) -> Vec<u32> {
+    let stays = |(node, place): (usize, &[f32; 3])| before_m.get(node) == Some(place);
+    let stays: Vec<bool> = after.positions_m.iter().enumerate().map(stays).collect();
     let is_same = |tet: &u32| {
         let nodes = after.tets[*tet as usize];
-        let stays = |node: &u32| before.positions_m.get(*node as usize) == Some(&after.positions_m[*node as usize]);
-        before.tets.get(*tet as usize) == Some(&nodes) && nodes.iter().all(stays)
+        before.get(*tet as usize) == Some(&nodes) && nodes.iter().all(|node| stays[*node as usize])
     };
     (0..after.tets.len() as u32).filter(|tet| !is_same(tet)).collect()
-}
-
-/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
-fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
-    let part = component_of_each_tet(&tissue.rest);
-    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
-    let mut volume_m3 = vec![0.0; parts];
-    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
-        volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
-    }
-    let most = volume_m3.iter().copied().fold(0.0, f64::max);
-    let least = if report.copied_nodes > 0 { options.min_piece_m3.min(most) } else { 0.0 };
-    report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
-    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
-    report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
-    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
-    if report.burnt_tets > 0 {
-        let mut next = 0..;
-        let number: Vec<Option<u32>> = is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect();
-        tissue.skin.without_tets(&number);
-        let mut kept = is_kept.iter().copied();
-        tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
-        let mut kept = is_kept.iter().copied();
-        tissue.material.retain(|_| kept.next().unwrap_or(true));
-        let mut kept = is_kept.into_iter();
-        tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
-    }
 }

@@ -112,9 +112,9 @@ impl Work<'_> {
     }
 
     /// The tets that have a face with a tet that is no wall.
-    fn beyond(&self, tet: u32, walls: &[Face]) -> Vec<u32> {
-        let faces = self.faces_of(tet).into_iter().filter(|face| walls.binary_search(face).is_err());
-        faces.filter_map(|face| self.tets_at(&face)).map(|[one, other]| if one == tet { other } else { one }).collect()
+    fn beyond(&self, tet: u32, walls: &[Face]) -> impl Iterator<Item = u32> {
+        let faces = self.faces_of(tet).into_iter().filter(move |face| walls.binary_search(face).is_err());
+        faces.filter_map(move |face| self.tets_at(&face)).map(move |[one, other]| if one == tet { other } else { one })
     }
 
     /// The walls between a piece and the rest.
@@ -124,7 +124,8 @@ impl Work<'_> {
         walls.iter().filter(is_between).copied().collect()
     }
 
-    fn faces_of(&self, tet: u32) -> [Face; 4] {
+    /// The faces of a tet.
+    pub fn faces_of(&self, tet: u32) -> [Face; 4] {
         let nodes = self.tissue.rest.tets[tet as usize];
         FACES.map(|places| {
             let mut face = places.map(|place| nodes[place]);

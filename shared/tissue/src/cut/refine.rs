@@ -1,7 +1,8 @@
 //! Makes the mesh fit the sheet: snaps nodes to it and bisects edges, until no edge leads from one side to the other.
 
-use super::places::{at, corners, to_single};
+use super::places::{Sides, at, corners, to_single};
 use super::sheet::{Crossing, Sheet};
+use super::stars::Stars;
 use super::{CutOptions, CutReport, Cuttable};
 use glam::{DMat3, DVec3};
 use hyst_mesh::{quality, signed_volume};
@@ -16,11 +17,13 @@ pub struct Work<'a> {
     pub tissue: &'a mut Cuttable,
     pub options: &'a CutOptions,
     /// Tets of each node.
-    pub star: Vec<Vec<u32>>,
+    pub star: Stars,
     /// Nodes that no tet uses, the lowest last: they are used again.
     pub free: Vec<u32>,
-    /// Tets that may touch the sheet, each once.
+    /// Tets that may touch the sheet, some more than once.
     near: Vec<u32>,
+    /// Tets with three nodes on the sheet at least, once it is opened: a copy of a node is on it as the node is, so that they stay these.
+    pub on_sheet: Vec<u32>,
 }
 
 /// An edge that crosses the sheet: its ends, the lower node first.
@@ -29,20 +32,16 @@ type Crossed = ([u32; 2], Crossing);
 impl<'a> Work<'a> {
     /// `near`: the tets that may touch the sheet.
     pub fn new(tissue: &'a mut Cuttable, options: &'a CutOptions, near: Vec<u32>) -> Work<'a> {
-        let mut tets_at = vec![0; tissue.rest.positions_m.len()];
-        tissue.rest.tets.iter().flatten().for_each(|node| tets_at[*node as usize] += 1);
-        let mut star: Vec<Vec<u32>> = tets_at.into_iter().map(Vec::with_capacity).collect();
-        for (tet, nodes) in tissue.rest.tets.iter().enumerate() {
-            nodes.iter().for_each(|node| star[*node as usize].push(tet as u32));
-        }
-        let free = (0..star.len()).rev().filter(|node| star[*node].is_empty()).map(|node| node as u32).collect();
-        Work { tissue, options, star, free, near }
+        let nodes = tissue.rest.positions_m.len();
+        let star = Stars::new(nodes, &tissue.rest.tets);
+        let free = (0..nodes as u32).rev().filter(|node| star.of(*node).is_empty()).collect();
+        Work { tissue, options, star, free, near, on_sheet: Vec::new() }
     }
 
     /// Tets that have both nodes.
     fn around(&self, [a, b]: [u32; 2]) -> Vec<u32> {
         let has_b = |tet: &u32| self.tissue.rest.tets[*tet as usize].contains(&b);
-        self.star[a as usize].iter().copied().filter(has_b).collect()
+        self.star.of(a).iter().copied().filter(has_b).collect()
     }
 
     pub fn mark(&self, node: u32) -> DVec3 {
@@ -56,24 +55,34 @@ impl<'a> Work<'a> {
     /// All crossings, by edge.
     fn crossings(&self, sheet: &Sheet) -> Vec<Crossed> {
         const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-        let place = |node: u32| at(&self.tissue.position_m, node);
-        let near = self.near.iter().map(|tet| self.tissue.rest.tets[*tet as usize]).filter(|tet| sheet.is_near(tet.map(place)));
-        let ends = near.flat_map(|tet| EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]));
-        let mut edges: Vec<[u32; 2]> = ends.collect();
+        let position_m = &self.tissue.position_m;
+        let mut edges: Vec<[u32; 2]> = Vec::new();
+        for tet in &self.near {
+            let nodes = self.tissue.rest.tets[*tet as usize];
+            let sides = nodes.map(|node| sheet.sides(&position_m[node as usize]));
+            let near = EDGES.into_iter().filter(|[a, b]| Sides::touch([sides[*a], sides[*b]]));
+            edges.extend(near.map(|[a, b]| [nodes[a].min(nodes[b]), nodes[a].max(nodes[b])]));
+        }
         edges.sort_unstable();
         edges.dedup();
-        let crosses = |edge: [u32; 2]| Some((edge, sheet.crossing(place(edge[0]), place(edge[1]))?));
+        let crosses = |edge: [u32; 2]| Some((edge, sheet.crossing(at(position_m, edge[0]), at(position_m, edge[1]))?));
         edges.into_iter().filter_map(crosses).collect()
     }
 
     pub fn refine(&mut self, sheet: &Sheet, report: &mut CutReport) {
         for _ in 0..ROUNDS {
+            let mut crossings = self.crossings(sheet);
+            let moved_nodes = report.moved_nodes;
             // Ends first: an end that is snapped spares the bisection of all the other edges that cross near it.
-            for (edge, crossing) in self.crossings(sheet) {
-                self.snap(edge, crossing, report);
+            for (edge, crossing) in &crossings {
+                self.snap(*edge, *crossing, report);
+            }
+            // Where no node has moved they are what they were.
+            if report.moved_nodes > moved_nodes {
+                crossings = self.crossings(sheet);
             }
             let mut is_done = true;
-            for (edge, crossing) in self.crossings(sheet) {
+            for (edge, crossing) in crossings {
                 is_done &= !self.divide(edge, crossing, report);
             }
             if is_done {
@@ -120,9 +129,7 @@ impl<'a> Work<'a> {
         if !self.is_marked(near) && self.move_along(near, edge, crossing.share) {
             report.moved_nodes += 1;
             // It takes along tets that were clear of the sheet.
-            self.near.extend(&self.star[near as usize]);
-            self.near.sort_unstable();
-            self.near.dedup();
+            self.near.extend(self.star.of(near));
         }
         self.put_mark(near, normal);
     }
@@ -185,21 +192,21 @@ impl<'a> Work<'a> {
             self.tissue.rest.regions.push(self.tissue.rest.regions[*tet as usize]);
             self.tissue.material.extend(self.tissue.material.get(*tet as usize).copied());
             self.near.push(new);
-            self.star[edge[1] as usize].retain(|other| other != tet);
-            second.iter().for_each(|node| self.star[*node as usize].push(new));
-            self.star[middle as usize].push(*tet);
+            self.star.retain(edge[1], |other| other != *tet);
+            second.iter().for_each(|node| self.star.push(*node, new));
+            self.star.push(middle, *tet);
         }
         middle
     }
 
     /// Nodes that can still be added.
     pub fn room(&self) -> usize {
-        self.free.len() + self.options.max_nodes.saturating_sub(self.star.len())
+        self.free.len() + self.options.max_nodes.saturating_sub(self.star.nodes())
     }
 
     /// A node that no tet uses, as another one is; the caller has seen that there is room.
     pub fn copy_node(&mut self, node: u32) -> u32 {
-        let copy = self.free.pop().unwrap_or(self.star.len() as u32);
+        let copy = self.free.pop().unwrap_or(self.star.nodes() as u32);
         let tissue = &mut *self.tissue;
         for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
             let point = points[node as usize];
@@ -213,8 +220,8 @@ impl<'a> Work<'a> {
             Some(old) => *old = fixed,
             None => tissue.fixed.push(fixed),
         }
-        if copy as usize == self.star.len() {
-            self.star.push(Vec::new());
+        if copy as usize == self.star.nodes() {
+            self.star.add_node();
         }
         copy
     }
@@ -248,7 +255,7 @@ impl<'a> Work<'a> {
                 && (signed_volume(with(&self.tissue.position_m, now)) > 0.0
                     || signed_volume(corners(&self.tissue.position_m, nodes)) <= 0.0)
         };
-        if !self.star[node as usize].iter().all(stays_good) {
+        if !self.star.of(node).iter().all(stays_good) {
             return false;
         }
         let before = self.momentum_of_star(node);
@@ -268,21 +275,21 @@ impl<'a> Work<'a> {
             let volume = signed_volume(corners(&self.tissue.rest.positions_m, nodes));
             nodes.iter().map(|node| at(&self.tissue.velocity_m_s, *node)).sum::<DVec3>() * (volume / 4.0)
         };
-        self.star[node as usize].iter().map(of_tet).sum()
+        self.star.of(node).iter().map(of_tet).sum()
     }
 
     /// Gives the free nodes around a node so much momentum over the density, m⁴/s, each by the mass that it has in the star.
     fn push_star(&mut self, node: u32, momentum: DVec3) {
         let rest = &self.tissue.rest;
         let volume = |tet: &u32| signed_volume(corners(&rest.positions_m, rest.tets[*tet as usize]));
-        let mut others: Vec<u32> = self.star[node as usize].iter().flat_map(|tet| rest.tets[*tet as usize]).collect();
+        let mut others: Vec<u32> = self.star.of(node).iter().flat_map(|tet| rest.tets[*tet as usize]).collect();
         others.sort_unstable();
         others.dedup();
         others.retain(|other| !self.tissue.fixed[*other as usize]);
         let in_star = |tet: &&u32| rest.tets[**tet as usize].contains(&node);
         // A node's volume is a quarter of its tets': of all of them, and of those in the star.
         let volumes = others.iter().map(|other| {
-            let star = &self.star[*other as usize];
+            let star = self.star.of(*other);
             (star.iter().map(volume).sum::<f64>() / 4.0, star.iter().filter(in_star).map(volume).sum::<f64>() / 4.0)
         });
         let volumes: Vec<(f64, f64)> = volumes.collect();

@@ -1,7 +1,7 @@
 //! Opens the faces that lie between the two sides of the sheet.
 
 use super::CutReport;
-use super::fans::{Fan, faces_at, fan};
+use super::fans::{Fan, faces_at, fan, fan_of};
 use super::places::at;
 use super::refine::Work;
 use glam::DVec3;
@@ -17,6 +17,7 @@ type Parting = (u32, Vec<Vec<u32>>);
 impl Work<'_> {
     /// Opens what can be opened of the faces on the sheet; gives the two tets of each that is open now.
     pub fn open(&mut self, report: &mut CutReport) -> Vec<[u32; 2]> {
+        self.on_sheet = self.tets_on_sheet();
         let before = report.out_of_room;
         let mut opened = self.open_faces(self.faces_on_sheet(), report);
         // Without room for copies all of the sheet is closed, and nothing can be freed.
@@ -38,9 +39,8 @@ impl Work<'_> {
                 break;
             }
             let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| self.tets_at(face)).collect();
-            let bad_before = self.bad_nodes(&partings, &[]);
             let copies = self.part(&partings);
-            let bad: Vec<u32> = self.bad_nodes(&partings, &copies).into_iter().filter(|bad| !bad_before.contains(bad)).collect();
+            let bad = self.spoilt_nodes(&partings, &copies);
             if bad.is_empty() {
                 report.copied_nodes += copies.len();
                 let opened = faces.iter().zip(tets).filter(|(face, _)| !self.is_closed(face));
@@ -64,18 +64,23 @@ impl Work<'_> {
 
     /// Faces between two tets, with these, whose nodes all lie on the sheet; sorted.
     pub fn marked_faces(&self) -> Vec<(Face, [u32; 2])> {
-        let mut faces = Vec::new();
-        for node in (0..self.star.len() as u32).filter(|node| self.is_marked(*node)) {
-            for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
-                let [([a, b], first), (_, second)] = same else { continue };
-                // Each face is met at each of its nodes.
-                if node < *a && self.is_marked(*a) && self.is_marked(*b) {
-                    faces.push(([node, *a, *b], [*first, *second]));
-                }
-            }
+        let mut faces: Vec<(Face, u32)> = Vec::with_capacity(2 * self.on_sheet.len());
+        for tet in &self.on_sheet {
+            let marked = self.faces_of(*tet).into_iter().filter(|face| face.iter().all(|node| self.is_marked(*node)));
+            faces.extend(marked.map(|face| (face, *tet)));
         }
         faces.sort_unstable();
-        faces
+        let with_both = |same: &[(Face, u32)]| {
+            if let [(face, first), (_, second)] = same { Some((*face, [*first, *second])) } else { None }
+        };
+        faces.chunk_by(|left, right| left.0 == right.0).filter_map(with_both).collect()
+    }
+
+    /// The tets that have a face on the sheet at least, in their order.
+    fn tets_on_sheet(&self) -> Vec<u32> {
+        let is_marked: Vec<bool> = (0..self.star.nodes() as u32).map(|node| self.is_marked(node)).collect();
+        let marked = |tet: &[u32; 4]| tet.iter().filter(|node| is_marked[**node as usize]).count();
+        (0..).zip(&self.tissue.rest.tets).filter(|(_, tet)| marked(tet) >= 3).map(|(tet, _)| tet).collect()
     }
 
     /// On which side of the sheet each tet is that has a face on it. A tet that lies in the sheet with all its nodes is where most of its faces'
@@ -83,15 +88,11 @@ impl Work<'_> {
     fn sides(&self) -> Vec<bool> {
         let mut sides = vec![Some(false); self.tissue.rest.tets.len()];
         let mut unknown = Vec::new();
-        for (tet, nodes) in self.tissue.rest.tets.iter().enumerate() {
-            match nodes.iter().filter(|node| self.is_marked(**node)).count() {
-                3 => sides[tet] = Some(self.is_above(tet as u32)),
-                4 => {
-                    sides[tet] = None;
-                    unknown.push(tet as u32);
-                }
-                _ => {}
-            }
+        for tet in &self.on_sheet {
+            let nodes = self.tissue.rest.tets[*tet as usize];
+            let lies_in_it = nodes.iter().all(|node| self.is_marked(*node));
+            sides[*tet as usize] = if lies_in_it { None } else { Some(self.is_above(*tet)) };
+            unknown.extend(lies_in_it.then_some(*tet));
         }
         // Each round finds at least one.
         while !unknown.is_empty() {
@@ -117,7 +118,7 @@ impl Work<'_> {
             let has_face = |other: &&u32| {
                 **other != tet && [a, b, c].iter().all(|node| self.tissue.rest.tets[**other as usize].contains(node))
             };
-            let Some(side) = self.star[a as usize].iter().find(has_face).and_then(|other| sides[*other as usize]) else {
+            let Some(side) = self.star.of(a).iter().find(has_face).and_then(|other| sides[*other as usize]) else {
                 continue;
             };
             let [a, b, c] = [a, b, c].map(|node| at(&self.tissue.rest.positions_m, node));
@@ -140,7 +141,7 @@ impl Work<'_> {
 
     /// The parts of a node's star that hang together by faces other than these, without the first; `None` if there is one part only.
     fn parting(&self, node: u32, faces: &[Face]) -> Option<Parting> {
-        let star = &self.star[node as usize];
+        let star = self.star.of(node);
         let mut part: Vec<usize> = (0..star.len()).collect();
         let place = |tet: u32| star.iter().position(|other| *other == tet);
         for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
@@ -171,8 +172,9 @@ impl Work<'_> {
                 for tet in part {
                     self.rename(*tet, *node, copy);
                 }
-                self.star[*node as usize].retain(|tet| !part.contains(tet));
-                self.star[copy as usize].clone_from(part);
+                self.star.retain(*node, |tet| !part.contains(&tet));
+                self.star.clear(copy);
+                self.star.extend(copy, part);
                 copies.push([copy, *node]);
             }
         }
@@ -186,12 +188,12 @@ impl Work<'_> {
             for tet in part {
                 self.rename(*tet, *copy, *node);
             }
-            self.star[*node as usize].extend(part);
-            self.star[*node as usize].sort_unstable();
-            self.star[*copy as usize].clear();
+            self.star.extend(*node, part);
+            self.star.sort(*node);
+            self.star.clear(*copy);
         }
         for [copy, _] in copies.iter().rev() {
-            if *copy as usize + 1 < self.star.len() {
+            if *copy as usize + 1 < self.star.nodes() {
                 self.free.push(*copy);
                 continue;
             }
@@ -200,7 +202,7 @@ impl Work<'_> {
                 points.pop();
             }
             tissue.fixed.pop();
-            self.star.pop();
+            self.star.drop_node();
         }
     }
 
@@ -209,10 +211,10 @@ impl Work<'_> {
         *nodes = nodes.map(|node| if node == from { to } else { node });
     }
 
-    /// Nodes around the partings, by their originals, at which the boundary is no surface.
-    fn bad_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
+    /// Nodes around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
+    fn spoilt_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
         let parted = partings.iter().map(|(node, _)| *node).chain(copies.iter().map(|[copy, _]| *copy));
-        let tets = parted.flat_map(|node| self.star[node as usize].iter().copied());
+        let tets = parted.flat_map(|node| self.star.of(node).iter().copied());
         let mut nodes: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[tet as usize]).collect();
         nodes.sort_unstable();
         nodes.dedup();
@@ -220,6 +222,11 @@ impl Work<'_> {
         let mut bad: Vec<u32> = nodes.into_iter().filter(|node| fan(self, *node) == Fan::Bad).map(original).collect();
         bad.sort_unstable();
         bad.dedup();
+        bad.retain(|node| {
+            let copies = copies.iter().filter(|[_, original]| original == node).map(|[copy, _]| *copy);
+            let tets = copies.chain([*node]).flat_map(|node| self.star.of(node));
+            fan_of(tets.map(|tet| self.tissue.rest.tets[*tet as usize].map(original)), *node) != Fan::Bad
+        });
         bad
     }
 
@@ -233,7 +240,7 @@ impl Work<'_> {
         if kept.len() < faces.len() {
             return kept;
         }
-        let tets = bad.iter().flat_map(|node| self.star[*node as usize].iter());
+        let tets = bad.iter().flat_map(|node| self.star.of(*node).iter());
         let mut near: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[*tet as usize]).collect();
         near.sort_unstable();
         let kept = keep(&near);
@@ -242,8 +249,9 @@ impl Work<'_> {
 
     /// The two tets that have a face in common.
     pub fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
-        let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
-        let mut both = self.star[face[0] as usize].iter().filter(has);
+        let [first, others @ ..] = face;
+        let has = |tet: &&u32| others.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
+        let mut both = self.star.of(*first).iter().filter(has);
         Some([*both.next()?, *both.next()?])
     }
 
@@ -258,4 +266,94 @@ fn nodes_of(faces: &[Face]) -> Vec<u32> {
     nodes.sort_unstable();
     nodes.dedup();
     nodes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cut::{CutOptions, Cuttable};
+    use hyst_mesh::TetMesh;
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
+
+    /// Orders of the axes along which six tets of a cube lead from one of its corners to the opposite one.
+    const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    /// Cells of a block along each edge.
+    const CELLS: u32 = 2;
+
+    /// A block of tets, of which these shares tell which are left out: what is left may touch itself in edges and nodes.
+    fn block(shares: &[u8]) -> Cuttable {
+        let node = |[x, y, z]: [u32; 3]| (z * (CELLS + 1) + y) * (CELLS + 1) + x;
+        let cells = (0..CELLS.pow(3)).map(|cell| [cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS]);
+        let of_cell = |low: [u32; 3]| {
+            ORDERS.map(|order| {
+                let mut place = low;
+                let ends = order.map(|axis| {
+                    place[axis] += 1;
+                    node(place)
+                });
+                [node(low), ends[0], ends[1], ends[2]]
+            })
+        };
+        let mut shares = shares.iter().cycle();
+        let tets: Vec<[u32; 4]> = cells.flat_map(of_cell).filter(|_| shares.next() > Some(&0)).collect();
+        let positions_m = vec![[0.0; 3]; (CELLS + 1).pow(3) as usize];
+        Cuttable::at_rest(TetMesh { positions_m, regions: vec![0; tets.len()], tets })
+    }
+
+    /// The faces between two tets, sorted.
+    fn inner_faces(work: &Work) -> Vec<Face> {
+        let mut faces: Vec<Face> = (0..work.tissue.rest.tets.len() as u32).flat_map(|tet| work.faces_of(tet)).collect();
+        faces.sort_unstable();
+        faces.dedup();
+        faces.retain(|face| work.tets_at(face).is_some());
+        faces
+    }
+
+    fn bad_nodes(work: &Work) -> Vec<u32> {
+        (0..work.star.nodes() as u32).filter(|node| fan(work, *node) == Fan::Bad).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 500, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn nodes_are_spoilt_that_are_bad_with_the_copies_and_were_not_before(
+            left_out in prop::collection::vec(0..12_u8, 48),
+            opened in prop::collection::vec(0..10_u8, 96),
+            share in 1..10_u8,
+        ) {
+            let (mut tissue, options) = (block(&left_out), CutOptions::default());
+            let mut work = Work::new(&mut tissue, &options, Vec::new());
+            let mut opened = opened.into_iter().cycle();
+            let mut faces = inner_faces(&work);
+            faces.retain(|_| opened.next() < Some(share));
+            let (before, bad_before) = (work.tissue.rest.clone(), bad_nodes(&work));
+            let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| work.parting(node, &faces)).collect();
+            let copies = work.part(&partings);
+            let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
+            let mut expected: Vec<u32> = bad_nodes(&work).into_iter().map(original).collect();
+            expected.retain(|node| !bad_before.contains(node));
+            expected.sort_unstable();
+            expected.dedup();
+            prop_assert_eq!(work.spoilt_nodes(&partings, &copies), expected);
+            work.join_again(&partings, &copies);
+            prop_assert_eq!(&work.tissue.rest.tets, &before.tets);
+        }
+
+        #[test]
+        fn faces_on_the_sheet_are_those_between_two_tets_whose_nodes_all_are(
+            left_out in prop::collection::vec(0..12_u8, 48),
+            is_marked in prop::collection::vec(any::<bool>(), 27),
+        ) {
+            let (mut tissue, options) = (block(&left_out), CutOptions::default());
+            tissue.marks = is_marked.iter().map(|is_marked| [0.0, 0.0, f32::from(u8::from(*is_marked))]).collect();
+            let mut work = Work::new(&mut tissue, &options, Vec::new());
+            work.on_sheet = work.tets_on_sheet();
+            let mut expected = inner_faces(&work);
+            expected.retain(|face| face.iter().all(|node| is_marked[*node as usize]));
+            let tets = |face: &Face| (*face, work.tets_at(face).expect("an inner face"));
+            prop_assert_eq!(work.marked_faces(), expected.iter().map(tets).collect::<Vec<_>>());
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
 use super::Cuttable;
-use super::places::Bounds;
+use super::places::{Bounds, Sides};
 use super::wire::Motion;
 use glam::DVec3;
 
@@ -44,9 +44,9 @@ impl Sheet {
         Sheet { triangles_m, bounds, around_all }
     }
 
-    /// Whether the box around some points touches the sheet's own.
-    pub fn is_near(&self, points_m: impl IntoIterator<Item = DVec3>) -> bool {
-        Bounds::around(points_m).touches(&self.around_all)
+    /// The faces of the box around the sheet on whose inner sides a point is. An edge whose ends do not touch it crosses nothing.
+    pub fn sides(&self, point_m: &[f32; 3]) -> Sides {
+        self.around_all.sides(point_m)
     }
 
     /// The tets whose boxes touch the sheet's.

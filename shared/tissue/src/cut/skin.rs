@@ -5,8 +5,8 @@
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
 
-use super::neighbourhood::Neighbourhood;
-use super::places::{Bounds, at, barycentric, corners, to_single};
+use super::neighbourhood::{Cells, Neighbourhood};
+use super::places::{Bounds, Sides, are_finite, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -47,8 +47,8 @@ impl Skin {
         self.bindings.len() == vertices
             && self.raw.len() == vertices
             && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
-            && self.triangles.iter().flatten().all(|vertex| (*vertex as usize) < vertices)
-            && self.rest_m.iter().flatten().all(|coordinate| coordinate.is_finite())
+            && self.triangles.as_flattened().iter().max().is_none_or(|last| (*last as usize) < vertices)
+            && are_finite(&self.rest_m)
     }
 
     fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
@@ -61,11 +61,14 @@ impl Skin {
     /// Divides the triangles that the sheet goes through. Tells how many edges found no room.
     pub(super) fn divide(&mut self, tissue: &Cuttable, sheet: &Sheet, options: &CutOptions) -> usize {
         let now_m = &self.place(&tissue.rest.tets, &tissue.position_m)[..];
-        let is_near = |triangle: &&[u32; 3]| sheet.is_near(triangle.map(|vertex| at(now_m, vertex)));
-        let mut edges: Vec<[u32; 2]> = self.triangles.iter().filter(is_near).flat_map(edges_of).collect();
+        let sides: Vec<Sides> = now_m.iter().map(|vertex| sheet.sides(vertex)).collect();
+        let is_near = |triangle: &&[u32; 3]| Sides::touch(triangle.map(|vertex| sides[vertex as usize]));
+        let near = self.triangles.iter().filter(is_near).flat_map(edges_of);
+        let mut edges: Vec<[u32; 2]> = near.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize]))).collect();
         edges.sort_unstable();
         edges.dedup();
-        let (mut middles, mut out_of_room) = (BTreeMap::new(), 0);
+        // By the edges, in their order.
+        let (mut middles, mut out_of_room) = (Vec::new(), 0);
         for [a, b] in edges {
             let (from, to) = (at(now_m, a), at(now_m, b));
             let Some(crossing) = sheet.crossing(from, to) else { continue };
@@ -84,14 +87,20 @@ impl Skin {
             let tet = self.bindings[a as usize].tet;
             let binding = Binding { tet, weights: weights(&tissue.rest, tet, point) };
             let raw = self.raw[a as usize] && self.raw[b as usize];
-            middles.insert([a, b], self.add(to_single(point), binding, raw));
+            middles.push(([a, b], self.add(to_single(point), binding, raw)));
         }
         if middles.is_empty() {
             return out_of_room;
         }
         let whole = std::mem::take(&mut self.triangles);
         self.triangles.reserve(whole.len() + 2 * middles.len());
-        whole.iter().for_each(|triangle| divided(*triangle, &middles, |part| self.triangles.push(part)));
+        for triangle in &whole {
+            if is_near(&triangle) {
+                divided(*triangle, &middles, |part| self.triangles.push(part));
+            } else {
+                self.triangles.push(*triangle);
+            }
+        }
         out_of_room
     }
 
@@ -103,9 +112,10 @@ impl Skin {
         let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
         let mut is_changed = vec![false; rest.tets.len()];
         changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
+        let cells = Cells::new(&boxes);
         let is_loose = |vertex: u32| {
-            let here = Bounds::around([at(&self.rest_m, vertex)]);
-            let is_in_one = || here.touches(&box_of_change) && boxes.iter().any(|around| here.touches(around));
+            let here = at(&self.rest_m, vertex);
+            let is_in_one = || box_of_change.has(here) && cells.at(here).any(|index| boxes[index as usize].has(here));
             is_changed[self.bindings[vertex as usize].tet as usize] || is_in_one()
         };
         let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
@@ -119,15 +129,16 @@ impl Skin {
         let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| at(&self.rest_m, vertex));
         let reach = Bounds::around(points).with(box_of_change);
         let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
-        let mut at_vertex: Vec<(u32, Hosted)> = Vec::with_capacity(3 * near.len());
-        for triangle in near {
-            let Some(hosted) = self.host(&place, triangle) else { continue };
-            let corners = self.triangles[triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
-            at_vertex.extend(corners.map(|vertex| (vertex, hosted)));
+        let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
+        // Each loose vertex with its triangles, in their order.
+        let mut at_vertex: Vec<[u32; 2]> = Vec::with_capacity(3 * hosted.len());
+        for (index, one) in (0..).zip(&hosted) {
+            let corners = self.triangles[one.triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
+            at_vertex.extend(corners.map(|vertex| [vertex, index]));
         }
-        at_vertex.sort_unstable_by_key(|(vertex, hosted)| (*vertex, hosted.triangle));
-        let by_vertex = at_vertex.chunk_by(|one, other| one.0 == other.0);
-        by_vertex.map(|triangles| self.part(&mut place, triangles, options)).sum()
+        at_vertex.sort_unstable_by_key(|[vertex, index]| u64::from(*vertex) << 32 | u64::from(*index));
+        let by_vertex = at_vertex.chunk_by(|one, other| one[0] == other[0]);
+        by_vertex.map(|at_vertex| self.part(&mut place, &hosted, at_vertex, options)).sum()
     }
 
     /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
@@ -141,10 +152,11 @@ impl Skin {
         Some(Hosted { triangle, home, middle })
     }
 
-    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. Tells how many found no room.
-    fn part(&mut self, place: &mut Neighbourhood<'_>, triangles: &[(u32, Hosted)], options: &CutOptions) -> usize {
-        let Some((vertex, _)) = triangles.first().copied() else { return 0 };
-        let triangles = || triangles.iter().map(|(_, hosted)| hosted);
+    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `at_vertex`: the vertex with each of them.
+    /// Tells how many found no room.
+    fn part(&mut self, place: &mut Neighbourhood<'_>, hosted: &[Hosted], at_vertex: &[[u32; 2]], options: &CutOptions) -> usize {
+        let Some([vertex, _]) = at_vertex.first().copied() else { return 0 };
+        let triangles = || at_vertex.iter().map(|[_, index]| &hosted[*index as usize]);
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
         let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
@@ -152,7 +164,7 @@ impl Skin {
         let parts = place.parts_around(point, radius_m, triangles().map(|one| one.home));
         let mut out_of_room = 0;
         for (number, part) in parts.iter().enumerate() {
-            let Some(nearest) = place.nearest(point, part.iter().copied()) else { continue };
+            let Some(nearest) = place.nearest(part.iter().copied()) else { continue };
             let tet = place.tets[nearest as usize];
             let binding = Binding { tet, weights: weights(place.rest, tet, point) };
             if number == 0 {
@@ -164,7 +176,7 @@ impl Skin {
                 continue;
             }
             let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
-            for one in triangles().filter(|one| part.contains(&one.home)) {
+            for one in triangles().filter(|one| part.iter().any(|(index, _)| *index == one.home)) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
             }
@@ -218,10 +230,13 @@ fn edges_of(triangle: &[u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
 }
 
-/// The parts of a triangle whose edges have these middles.
-fn divided(triangle: [u32; 3], middles: &BTreeMap<[u32; 2], u32>, mut take: impl FnMut([u32; 3])) {
+/// The parts of a triangle whose edges have these middles, which are sorted by them.
+fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut([u32; 3])) {
     let [a, b, c] = triangle;
-    let middle = |from: u32, to: u32| middles.get(&[from.min(to), from.max(to)]).copied();
+    let middle = |from: u32, to: u32| {
+        let place = middles.binary_search_by_key(&[from.min(to), from.max(to)], |(edge, _)| *edge);
+        place.ok().map(|place| middles[place].1)
+    };
     match (middle(a, b), middle(b, c), middle(c, a)) {
         (None, None, None) => take(triangle),
         (Some(ab), None, None) => [[a, ab, c], [ab, b, c]].into_iter().for_each(take),

@@ -4,6 +4,7 @@
 use super::Cuttable;
 use super::places::{Bounds, at, barycentric, corners, to_single};
 use glam::DVec3;
+use std::cell::OnceCell;
 
 /// A point of the wire, as the tissue saw it last.
 #[repr(C)]
@@ -97,24 +98,28 @@ impl Cuttable {
 
     /// Remembers where the wire is.
     pub(super) fn seat_wire(&mut self, motion: &Motion) {
-        let mut is_used = vec![false; self.position_m.len()];
-        self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
         let near = Bounds::around(motion.to_m.iter().copied()).tets_in(&self.position_m, &self.rest.tets);
-        let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &is_used);
+        let bounds = |tet: u32| Bounds::around(corners(&self.position_m, self.rest.tets[tet as usize]));
+        let near: Vec<(u32, Bounds)> = near.into_iter().map(|tet| (tet, bounds(tet))).collect();
+        // Asked only where the wire is outside of all tets.
+        let used = OnceCell::new();
+        let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &used);
         self.wire = motion.to_m.iter().zip(&motion.ways).map(seat).collect();
     }
 
-    fn bounds(&self, tet: u32) -> Bounds {
-        Bounds::around(corners(&self.position_m, self.rest.tets[tet as usize]))
+    /// The nodes that a tet has, in their order.
+    fn used_nodes(&self) -> Vec<u32> {
+        let mut is_used = vec![false; self.position_m.len()];
+        self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
+        (0..).zip(is_used).filter(|(_, is_used)| *is_used).map(|(node, _)| node).collect()
     }
 
-    fn seat(&self, point: DVec3, way: DVec3, near: &[u32], is_used: &[bool]) -> Seat {
-        let here = Bounds::around([point]);
-        let mut around = near.iter().filter(|tet| self.bounds(**tet).touches(&here));
-        let weights = |tet: &u32| Some((*tet, weights_in(corners(&self.position_m, self.rest.tets[*tet as usize]), point)?));
+    fn seat(&self, point: DVec3, way: DVec3, near: &[(u32, Bounds)], used: &OnceCell<Vec<u32>>) -> Seat {
+        let mut around = near.iter().filter(|(_, bounds)| bounds.has(point)).map(|(tet, _)| *tet);
+        let weights = |tet: u32| Some((tet, weights_in(corners(&self.position_m, self.rest.tets[tet as usize]), point)?));
         let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
-        let nodes = (0..self.position_m.len() as u32).filter(|node| tet == NONE && is_used[*node as usize]);
-        let distances = nodes.map(|node| (node, at(&self.position_m, node).distance_squared(point)));
+        let nodes: &[u32] = if tet == NONE { used.get_or_init(|| self.used_nodes()) } else { &[] };
+        let distances = nodes.iter().map(|node| (*node, at(&self.position_m, *node).distance_squared(point)));
         let nearest = distances.filter(|(_, distance)| distance.is_finite()).min_by(|left, right| left.1.total_cmp(&right.1));
         let node = nearest.map_or(NONE, |(node, _)| node);
         let offset = nearest.map_or(point, |(node, _)| point - at(&self.position_m, node));

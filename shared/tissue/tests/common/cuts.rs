@@ -87,6 +87,8 @@ pub fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, opt
     assert_eq!((found.open_edges, found.crowded_faces), (0, 0), "{found}");
     assert_eq!((found.non_manifold_edges, found.non_manifold_vertices), (0, 0), "{report:?}\n{found}");
     assert!(!report.has_changed_mesh() || report.parts == parts(&after.rest), "{report:?}");
+    let part_of_tet = if report.has_changed_mesh() { component_of_each_tet(&after.rest) } else { Vec::new() };
+    assert_eq!(after.part_of_tet, part_of_tet, "{report:?}");
     assert!(report.has_changed() || before.skin == after.skin, "the surface changed, and nothing says so: {report:?}");
     if !report.has_changed_mesh() {
         assert!(before.rest.tets == after.rest.tets && before.rest.regions == after.rest.regions, "{report:?}");

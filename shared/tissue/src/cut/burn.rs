@@ -1,0 +1,48 @@
+//! The parts that a cut leaves, and those of them that are too small to be objects, which the wire burns.
+
+use super::places::corners;
+use super::{CutOptions, CutReport, Cuttable};
+use hyst_mesh::{component_of_each_tet, signed_volume};
+
+/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
+pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
+    let mut part = component_of_each_tet(&tissue.rest);
+    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
+    // What is large enough is not summed up further: no tet takes anything from it.
+    let enough_m3 = if report.copied_nodes > 0 { options.min_piece_m3 } else { 0.0 };
+    let mut volume_m3: Vec<f64> = vec![0.0; parts];
+    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
+        let sum = &mut volume_m3[*part as usize];
+        if *sum < enough_m3 {
+            *sum += signed_volume(corners(&tissue.rest.positions_m, *tet));
+        }
+    }
+    let least = volume_m3.iter().copied().fold(0.0, f64::max).min(enough_m3);
+    report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
+    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
+    if report.parts < parts {
+        let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
+        report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
+        tissue.skin.without_tets(&numbers(&is_kept));
+        retain(&mut tissue.rest.tets, &is_kept);
+        retain(&mut tissue.material, &is_kept);
+        retain(&mut tissue.rest.regions, &is_kept);
+        retain(&mut part, &is_kept);
+        // The parts that are left stay in their order, which is that of their first tets.
+        let is_left: Vec<bool> = volume_m3.iter().map(|volume| *volume >= least).collect();
+        let number = numbers(&is_left);
+        part.iter_mut().for_each(|part| *part = number[*part as usize].unwrap_or_default());
+    }
+    tissue.part_of_tet = part;
+}
+
+/// The new number of each that is kept.
+fn numbers(is_kept: &[bool]) -> Vec<Option<u32>> {
+    let mut next = 0..;
+    is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect()
+}
+
+fn retain<T>(list: &mut Vec<T>, is_kept: &[bool]) {
+    let mut kept = is_kept.iter().copied();
+    list.retain(|_| kept.next().unwrap_or(true));
+}
