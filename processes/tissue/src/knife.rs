@@ -162,8 +162,15 @@ impl Knife {
         }
         let mut body = handed_over(&mut self.tissue, &world.body);
         passed();
-        let (tets, part_of_tet) = (body.rest.tets.len(), component_of_each_tet(&body.rest));
-        let (parted, held) = register_parts(&world.case, &mut body, &part_of_tet);
+        let tets = body.rest.tets.len();
+        let (parted, held) = match &self.tissue.part_of_tet {
+            known if known.len() == tets => register_parts(&world.case, &mut body, known),
+            // The surface alone was divided.
+            _ => {
+                let part_of_tet = component_of_each_tet(&body.rest);
+                register_parts(&world.case, &mut body, &part_of_tet)
+            }
+        };
         // For want of a number something was burnt.
         let is_limited = is_limited || body.rest.tets.len() < tets;
         Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited })

@@ -3,6 +3,7 @@
 use super::MainLoop;
 use super::hand::Hand;
 use crate::body::Body;
+use crate::contacts::Contacts;
 use crate::knife::{Stroke, freed_m3, healthy_removed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
