@@ -108,8 +108,7 @@ pub struct Fault {
     pub together: bool,
     /// The control serves another fault too, because no other was free.
     pub control_shared: bool,
-    /// The control began in contact and the fault's window did not, or the other way round, because none in the same state was free: its force steps excuse
-    /// nothing.
+    /// The control began in contact and the fault's window did not, or the other way round, because none in the same state was free.
     #[serde(default)]
     pub control_unlike: bool,
     /// The control lies in the station's first seconds, because none later was free: it tells of the start, and of no fault.
@@ -229,11 +228,14 @@ pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
 pub(crate) struct Seen {
     window: Window,
     contained_us: f64,
-    /// Largest force step in the fault-free ticks before it that were in the same state, N.
-    quiet_n: f64,
+    /// Largest force step of the fault-free ticks before it in the open, and in contact, N.
+    #[serde(default)]
+    quiet_steps_n: [f64; 2],
     #[serde(default)]
     given: Option<u64>,
-    step: Vec<Tick>,
+    /// The ticks around its own largest force step in the open, and in contact.
+    #[serde(default)]
+    steps: [Vec<Tick>; 2],
     late: Vec<Tick>,
 }
 
@@ -253,9 +255,9 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
     (window.ticks + window.voided > 0).then(|| Seen {
         window,
         contained_us: (contained_ticks * TICK_NS) as f64 * 1e-3,
-        quiet_n: quiet_step_max_n(ledger, from_tick, window.contact, taken),
+        quiet_steps_n: quiet_steps_n(ledger, from_tick, taken),
         given: fault.servo_until().map(|until| ledger.fresh_of(fault.incarnation, fault.tick, until).count() as u64),
-        step: ledger.around_step(&window),
+        steps: [false, true].map(|in_contact| ledger.around_step(&window, in_contact)),
         late: ledger.late(&window),
     })
 }
@@ -266,9 +268,12 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
     (fault.contained_us, fault.given) = (Some(seen.contained_us), seen.given);
     fault.control_unlike = control.and_then(|control| control.contact).is_some_and(|contact| contact != seen.contact());
     if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
-        let control_step_n = if fault.control_unlike { 0.0 } else { control.force_step_max_n };
-        let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control_step_n));
-        fault.step = if smooth { Vec::new() } else { seen.step };
+        let (steps_n, control_steps_n) = (window.steps_n(seen.contact()), control.steps_n(control.contact == Some(true)));
+        let jerk = (0..2usize).find(|at| {
+            let quiet_n = seen.quiet_steps_n[*at].max(control_steps_n[*at].unwrap_or(0.0));
+            steps_n[*at].is_some_and(|step_n| step_n > fault.most_step_n(quiet_n))
+        });
+        fault.step = jerk.and_then(|at| seen.steps.into_iter().nth(at)).unwrap_or_default();
         let most = match fault.may_be_felt() {
             true if fault.is_of_both_servos() => i64::MAX,
             true => DEVICE_TICKS as i64,
@@ -276,25 +281,25 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
         };
         let (compares, is_spared) = (tells(&window) && tells(&control), excess(&window, &control) <= most);
         fault.late = if is_spared || !compares { Vec::new() } else { seen.late };
-        let has_harm = fault.recovered_us.is_none() || !smooth || window.wrong > 0;
+        let has_harm = fault.recovered_us.is_none() || jerk.is_some() || window.wrong > 0;
         fault.promise_held = if has_harm { Some(false) } else { compares.then_some(is_spared) };
     }
     (fault.window, fault.control) = (Some(window), control);
 }
 
-/// Largest force step in the fault-free windows before a fault that began as its own did, in contact or not: what is made at the wall excuses no kick in the
-/// open.
-fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: Option<bool>, taken: &[(u64, u64)]) -> f64 {
+/// Largest force step of the fault-free windows before a fault in the open, and in contact, N: what is made at the wall excuses no kick in the open.
+fn quiet_steps_n(ledger: &Ledger, before_tick: u64, taken: &[(u64, u64)]) -> [f64; 2] {
+    let mut quiet_n = [0.0f64; 2];
     let Some(settled) = ledger.since_start(SETTLING_TICKS) else {
-        return 0.0;
+        return quiet_n;
     };
-    let mut quiet_n: f64 = 0.0;
     let mut tick = before_tick.saturating_sub(QUIET_TICKS).max(settled);
     while tick < before_tick {
         let next = (tick + WINDOW_TICKS).min(before_tick);
         if taken.iter().all(|(from, to)| next <= *from || tick >= *to) {
             let window = ledger.window(tick, next);
-            quiet_n = if window.contact == contact { quiet_n.max(window.force_step_max_n) } else { quiet_n };
+            let steps_n = window.steps_n(window.contact == Some(true)).map(|step_n| step_n.unwrap_or(0.0));
+            quiet_n = [quiet_n[0].max(steps_n[0]), quiet_n[1].max(steps_n[1])];
         }
         tick = next;
     }

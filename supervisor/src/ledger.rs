@@ -69,6 +69,13 @@ pub struct Window {
     pub wrong: u64,
     /// Largest change of the force from one tick to the next, N.
     pub force_step_max_n: f64,
+    /// The same of those changes that came while the hand felt no tissue, as the force just before them says; `None` where none came so, and of windows that
+    /// were kept before this was noted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub open_step_max_n: Option<f64>,
+    /// The same of those that came in contact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact_step_max_n: Option<f64>,
     /// Whether the hand was in contact at its first tick; `None` of one without a tick, and of those that were kept before this was noted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<bool>,
@@ -80,6 +87,15 @@ impl Window {
     pub fn is_whole(&self) -> bool {
         let span = self.to_tick.saturating_sub(self.from_tick);
         self.ticks + self.voided + 1 + span / MOST_DRIFT >= span
+    }
+
+    /// The largest change of the force in the open, and in contact, N; `None` where none came so. Of a window that was kept before these were told apart, it
+    /// is the largest of all, in the state in which it began.
+    pub fn steps_n(&self, began_in_contact: bool) -> [Option<f64>; 2] {
+        if self.open_step_max_n.is_some() || self.contact_step_max_n.is_some() {
+            return [self.open_step_max_n, self.contact_step_max_n];
+        }
+        [false, true].map(|in_contact| (in_contact == began_in_contact).then_some(self.force_step_max_n))
     }
 }
 
@@ -201,6 +217,7 @@ impl Ledger {
         let (first, end) = self.range(from_tick, to_tick);
         let contact = self.ticks.get(first).filter(|_| first < end).map(|tick| is_contact(tick.force_n));
         let mut window = Window { from_tick, to_tick, contact, ..Window::default() };
+        let mut steps_n: [Option<f64>; 2] = [None; 2];
         let mut before = first.checked_sub(1).and_then(|at| self.ticks.get(at));
         for tick in self.ticks.range(first..end) {
             window.voided += u64::from(tick.void);
@@ -209,21 +226,26 @@ impl Ledger {
             window.late += u64::from(tick.late);
             window.wrong += u64::from(tick.wrong);
             if let Some(before) = before.filter(|before| !before.void && !tick.void) {
-                window.force_step_max_n = window.force_step_max_n.max(distance(before.force_n, tick.force_n) as f64);
+                let most_n = &mut steps_n[usize::from(is_contact(before.force_n))];
+                *most_n = Some(most_n.unwrap_or(0.0).max(f64::from(distance(before.force_n, tick.force_n))));
             }
             before = Some(tick);
         }
+        [window.open_step_max_n, window.contact_step_max_n] = steps_n;
+        window.force_step_max_n = steps_n.into_iter().flatten().fold(0.0, f64::max);
         window
     }
 
-    /// The ticks around the largest change of the force in a window; none where nothing changes.
-    pub fn around_step(&self, window: &Window) -> Vec<Tick> {
+    /// The ticks around the largest change of the force in a window, of those in the open or of those in contact; none where nothing changes.
+    pub fn around_step(&self, window: &Window, in_contact: bool) -> Vec<Tick> {
         let (first, end) = self.range(window.from_tick, window.to_tick);
         let step_n = |at: &usize| {
             let (before, tick) = (&self.ticks[*at - 1], &self.ticks[*at]);
-            if before.void || tick.void { 0.0 } else { f64::from(distance(before.force_n, tick.force_n)) }
+            let counts = !before.void && !tick.void && is_contact(before.force_n) == in_contact;
+            if counts { f64::from(distance(before.force_n, tick.force_n)) } else { 0.0 }
         };
-        let found = (first.max(1)..end).find(|at| step_n(at) > 0.0 && step_n(at) >= window.force_step_max_n);
+        let most_n = window.steps_n(in_contact)[usize::from(in_contact)].unwrap_or(0.0);
+        let found = (first.max(1)..end).find(|at| step_n(at) > 0.0 && step_n(at) >= most_n);
         let around = found.map_or(0..0, |at| at.saturating_sub(AROUND)..(at + AROUND).min(self.ticks.len()));
         self.ticks.range(around).copied().collect()
     }
@@ -309,10 +331,11 @@ pub(crate) mod tests {
         assert_eq!(ledger.window(990, 1_001).force_step_max_n, 1.0, "the force falls from 1 N to 0 at tick 1000");
         assert_eq!(ledger.window(1_100, 1_200).force_step_max_n, 0.0);
         assert_eq!(ledger.window(5_000, 6_000).ticks, 0);
-        let around = ledger.around_step(&ledger.window(990, 1_010));
+        let around = ledger.around_step(&ledger.window(990, 1_010), true);
         let at = |tick: u64| around.iter().position(|entry| entry.station_tick == tick);
         assert_eq!((around.len(), at(999), at(1_000)), (2 * AROUND, Some(AROUND - 1), Some(AROUND)), "{around:?}");
-        assert_eq!(ledger.around_step(&ledger.window(1_100, 1_200)), []);
+        let none = [(990, 1_010, false), (1_100, 1_200, false), (1_100, 1_200, true)];
+        assert!(none.iter().all(|(from, to, touches)| ledger.around_step(&ledger.window(*from, *to), *touches).is_empty()));
         let late: Vec<u64> = ledger.late(&ledger.window(990, 1_400)).iter().map(|tick| tick.station_tick).collect();
         assert_eq!(late, [1_000, 1_001]);
         let last = |from, to| ledger.last_miss(from, to);
@@ -320,6 +343,23 @@ pub(crate) mod tests {
             [last(0, u64::MAX), last(0, 1_500), last(0, 1_000), last(1_501, 9_000)],
             [Some(1_500), Some(1_000), None, None]
         );
+    }
+
+    /// A window was told by the state in which it began, and a stroke that it met later was held against the open.
+    #[test]
+    fn a_change_of_the_force_is_in_the_open_or_in_contact_by_the_force_just_before_it() {
+        let ledger = ledger(2_000, &[], &[1_501]);
+        let steps_n = |from_tick, to_tick| {
+            let window = ledger.window(from_tick, to_tick);
+            (window.steps_n(false), window.force_step_max_n)
+        };
+        assert_eq!(steps_n(400, 600), ([Some(1.0), Some(0.0)], 1.0), "the tool comes to the wall at tick 500");
+        assert_eq!(steps_n(900, 1_100), ([Some(0.0), Some(1.0)], 1.0), "and leaves it at 1000");
+        assert_eq!([steps_n(100, 200), steps_n(600, 700)], [([Some(0.0), None], 0.0), ([None, Some(0.0)], 0.0)]);
+        assert_eq!(steps_n(1_501, 1_502), ([Some(0.0), None], 0.0), "nothing in it counts, and it is taken for one in the open");
+        let text = "{\"from_tick\":1,\"to_tick\":9,\"ticks\":8,\"missed\":0,\"voided\":0,\"force_step_max_n\":0.3}";
+        let old: Window = serde_json::from_str(text).unwrap();
+        assert_eq!([true, false].map(|began| old.steps_n(began)), [[None, Some(0.3)], [Some(0.3), None]]);
     }
 
     #[test]

@@ -24,9 +24,47 @@ const WAITING: usize = 4;
 /// vertices and triangles are the shaft's.
 pub const SECTIONS: usize = 11;
 
+/// Worlds on their way between the Main Loop, which makes them, and the clerk.
+///
+/// They are freed where they were made: an ordinary thread that frees one takes the lock of the memory that the Main Loop asks for its next one, and on full
+/// cores may not be let run with it.
+#[derive(Clone)]
+struct Worlds {
+    told: Arc<ArrayQueue<Arc<World>>>,
+    sent: Arc<ArrayQueue<Arc<World>>>,
+}
+
+impl Worlds {
+    fn new() -> Worlds {
+        let queue = || Arc::new(ArrayQueue::new(WAITING));
+        Worlds { told: queue(), sent: queue() }
+    }
+
+    /// The Main Loop's: hands over a world, in the place of the oldest where too many wait.
+    fn tell(&self, world: &Arc<World>) {
+        self.told.force_push(Arc::clone(world));
+    }
+
+    /// The Main Loop's: frees the worlds that have come back.
+    fn free(&self) {
+        std::iter::from_fn(|| self.sent.pop()).take(WAITING).for_each(drop);
+    }
+
+    /// The clerk's: goes on to the newest world that was handed over, and gives back those before it; false if there is none.
+    fn take(&self, present: &mut Arc<World>) -> bool {
+        let mut is_other = false;
+        for newer in std::iter::from_fn(|| self.told.pop()).take(WAITING) {
+            // Where the Main Loop has fetched none for so long that there is no place for more, it is freed here.
+            let _ = self.sent.push(std::mem::replace(present, newer));
+            is_other = true;
+        }
+        is_other
+    }
+}
+
 /// Ends the clerk's thread when dropped.
 pub struct Clerk {
-    changes: Arc<ArrayQueue<Arc<World>>>,
+    worlds: Worlds,
     stop: Arc<AtomicBool>,
     rounds: Rounds,
     handle: Option<std::thread::JoinHandle<()>>,
@@ -128,14 +166,14 @@ impl Clerk {
         let (incarnation, stalls) = (life.incarnation, life.staller(Thread::Clerk)?);
         send_topology(&publisher, &world, incarnation, &mut lies)?;
         let mut server = links.server(Role::Tissue, life.incarnation, Kind::Appearance)?;
-        let changes: Arc<ArrayQueue<Arc<World>>> = Arc::new(ArrayQueue::new(WAITING));
-        let changed = Arc::clone(&changes);
+        let worlds = Worlds::new();
+        let ways = worlds.clone();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let rounds = Rounds::default();
         let passed = rounds.clone();
         let body = move || {
-            let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
+            let (mut present, mut last) = (Arc::clone(&world), answer(&world));
             // For want of a block, while readers that starve or have died hold all: it is sent again until it comes through.
             let mut is_owed = false;
             while !stopped.load(Ordering::Acquire) {
@@ -150,21 +188,18 @@ impl Clerk {
                 });
                 // What changes only when something is cut is said again for a lie to be told, and once more when that is over.
                 let has_turned = lies.has_turned();
-                let newest = std::iter::from_fn(|| changed.pop()).last();
-                let is_due = newest.is_some() || has_turned || is_owed;
-                if let Some(newest) = newest {
-                    last = answer(&newest);
-                    // The one before is freed here, and not by the Main Loop.
-                    drop(std::mem::replace(&mut sent, newest));
+                let is_other = ways.take(&mut present);
+                if is_other {
+                    last = answer(&present);
                 }
-                if is_due {
-                    is_owed = send_topology(&publisher, &sent, incarnation, &mut lies).is_err();
+                if is_other || has_turned || is_owed {
+                    is_owed = send_topology(&publisher, &present, incarnation, &mut lies).is_err();
                 }
                 system::sleep_ns(INTERVAL_NS);
             }
         };
         let handle = std::thread::Builder::new().name("clerk".into()).spawn(body)?;
-        Ok(Clerk { changes, stop, rounds, handle: Some(handle) })
+        Ok(Clerk { worlds, stop, rounds, handle: Some(handle) })
     }
 
     /// The clerk as its engine watches it.
@@ -174,13 +209,41 @@ impl Clerk {
 
     /// Hands over a world whose topology is to be sent.
     pub fn tell(&self, world: &Arc<World>) {
-        self.changes.force_push(Arc::clone(world));
+        self.worlds.tell(world);
+    }
+
+    /// Frees the worlds that the clerk has done with.
+    pub fn free(&self) {
+        self.worlds.free();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::world::Workshop;
+    use hyst_tissue::Isa;
+
+    /// The clerk freed it, with the allocator's lock: a spare that makes a mesh its own would wait for as long as the clerk is not let run.
+    #[test]
+    fn a_world_that_the_clerk_has_done_with_is_freed_by_who_made_it() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let (mut workshop, first) = Workshop::open(&scene, Isa::detect()).unwrap();
+        let body = first.body.clone();
+        let mut other = || Arc::new(workshop.make(body.clone()).unwrap());
+        let (first, second, third) = (Arc::new(first), other(), other());
+        let seen = [&first, &second, &third].map(Arc::downgrade);
+        let lives = || seen.each_ref().map(|world| world.strong_count() > 0);
+        let (worlds, mut present) = (Worlds::new(), first);
+        assert!(!worlds.take(&mut present), "nothing was cut");
+        worlds.tell(&second);
+        worlds.tell(&third);
+        drop((second, third));
+        assert!(worlds.take(&mut present));
+        assert_eq!(lives(), [true; 3], "the clerk has freed one");
+        worlds.free();
+        assert_eq!(lives(), [false, false, true], "the newest is what it sends");
+    }
 
     #[test]
     fn a_growth_and_its_pieces_are_a_myoma_where_the_scene_says_so_and_nothing_else_is() {

@@ -176,6 +176,38 @@ fn a_control_in_another_state_is_marked_and_excuses_its_own_state_alone() {
     assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).exit_code, 0, "at the wall it is no kick");
 }
 
+/// A window that began in the open and met tissue later was held against controls that met none, and what the electrode does there was a kick.
+#[test]
+fn a_step_is_held_against_those_in_its_own_state_whatever_its_window_began_in() {
+    let judged = |open_n: f64, contact_n: f64, are_old: bool| {
+        let (campaign, plan, mut outcomes) = setup(TEXT);
+        for outcome in &mut outcomes {
+            let (meets_tissue, fault) = (outcome.index % 2 == 0, outcome.fault.as_mut().unwrap());
+            fault.window.as_mut().unwrap().contact = Some(false);
+            let control = fault.control.as_mut().unwrap();
+            control.contact = Some(meets_tissue);
+            control.force_step_max_n = if meets_tissue { 0.1 } else { 0.01 };
+            if !are_old {
+                (control.open_step_max_n, control.contact_step_max_n) = (Some(0.01), meets_tissue.then_some(0.1));
+            }
+        }
+        let hit = window(&mut outcomes, "kill haptic:active", 0);
+        hit.force_step_max_n = open_n.max(contact_n);
+        if !are_old {
+            (hit.open_step_max_n, hit.contact_step_max_n) = (Some(open_n), Some(contact_n));
+        }
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        (judgement.exit_code, judgement.cells[0].reasons.join("; "))
+    };
+    let broken = |(code, why): (u8, String), what: &str| {
+        assert!(code == 1 && why.contains(&format!("a force step of {what}")), "{what}: {code} {why}");
+    };
+    assert_eq!(judged(0.01, 0.14, false), (0, String::new()));
+    broken(judged(0.14, 0.01, false), "0.140 N, 0.010 N without a fault in the open");
+    broken(judged(0.01, 0.16, false), "0.160 N, 0.100 N without a fault in contact");
+    broken(judged(0.01, 0.14, true), "0.140 N, 0.010 N without a fault in the open");
+}
+
 #[test]
 fn a_kind_that_stalls_the_kernel_is_not_held_by_leaving_out_what_it_stalls() {
     let (campaign, plan, mut outcomes) = setup(TEXT);

@@ -116,6 +116,28 @@ fn a_kick_in_the_open_is_excused_by_no_step_at_the_wall_and_an_unlike_control_is
     assert_eq!(judged(1_720, (1_500, 1_700)), (Some(true), true, false));
 }
 
+/// A window that began in the open was held against the open with the strokes that it met at the wall.
+#[test]
+fn a_stroke_is_held_against_those_before_it_whatever_its_window_began_in_and_a_kick_from_rest_against_none() {
+    let judged = |kicks: bool| {
+        // At the wall, with steps of 0.3 N; in the open from 1 690 to 1 750, and there a kick; then at the wall again.
+        let ledger = ledger_of(|tick| match tick {
+            ..1_600 | 1_800.. => [if tick % 50 < 25 { 0.5 } else { 0.8 }, 0.0, 0.0],
+            1_600..1_690 => [(1_690 - tick) as f32 * 0.005, 0.0, 0.0],
+            1_750..1_800 => [(tick - 1_750) as f32 * 0.01, 0.0, 0.0],
+            1_740 if kicks => [0.2, 0.0, 0.0],
+            _ => [0.0; 3],
+        });
+        let mut fault = Fault { target: "fluid:0".into(), tick: 1_720, recovered_us: Some(100_000.0), ..Fault::default() };
+        let seen = look(&fault, &ledger, &[]).unwrap();
+        judge(&mut fault, seen, Some(ledger.window(1_700, 1_740)));
+        (fault.promise_held, fault.control_unlike, fault.step.iter().map(|tick| tick.station_tick).collect::<Vec<_>>())
+    };
+    assert_eq!(judged(false), (Some(true), false, Vec::new()));
+    let (held, _, around) = judged(true);
+    assert!(held == Some(false) && around.contains(&1_739) && around.contains(&1_740), "{held:?} {around:?}");
+}
+
 #[test]
 fn of_a_window_in_which_the_host_stalled_for_long_nothing_good_is_said() {
     let ledger = ledger_of(|_| [0.0; 3]);

@@ -117,6 +117,9 @@ impl MainLoop<'_> {
 
     /// Makes the world that a state is of, if it is another one.
     pub(super) fn adopt(&mut self, message: &Message<'_>) -> Result<(), Failure> {
+        if let Some(clerk) = &self.clerk {
+            clerk.free();
+        }
         if message.header().topology_version == self.world.version {
             return Ok(());
         }

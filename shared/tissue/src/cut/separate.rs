@@ -39,6 +39,7 @@ impl Work<'_> {
                 break;
             }
             let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| self.tets_at(face)).collect();
+            let nodes = self.star.nodes();
             let copies = self.part(&partings);
             let bad = self.spoilt_nodes(&partings, &copies);
             if bad.is_empty() {
@@ -49,7 +50,7 @@ impl Work<'_> {
                 report.closed_faces += wanted - opened.len();
                 return opened;
             }
-            self.join_again(&partings, &copies);
+            self.join_again(&partings, &copies, nodes);
             faces = self.without(faces, &bad);
         }
         Vec::new()
@@ -181,8 +182,8 @@ impl Work<'_> {
         copies
     }
 
-    /// Undoes [`Work::part`]: all is as before, but that copies which are the last nodes are gone.
-    fn join_again(&mut self, partings: &[Parting], copies: &[[u32; 2]]) {
+    /// Undoes [`Work::part`], before which there were so many nodes: all is as before, but for the places of nodes that no tet uses.
+    fn join_again(&mut self, partings: &[Parting], copies: &[[u32; 2]], nodes: usize) {
         let parts = partings.iter().flat_map(|(_, parts)| parts);
         for ([copy, node], part) in copies.iter().zip(parts) {
             for tet in part {
@@ -193,10 +194,11 @@ impl Work<'_> {
             self.star.clear(*copy);
         }
         for [copy, _] in copies.iter().rev() {
-            if *copy as usize + 1 < self.star.nodes() {
+            if (*copy as usize) < nodes {
                 self.free.push(*copy);
                 continue;
             }
+            // The last one: those that were added go in the reverse of the order in which they came.
             let tissue = &mut *self.tissue;
             for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
                 points.pop();
@@ -328,7 +330,7 @@ mod tests {
             let mut opened = opened.into_iter().cycle();
             let mut faces = inner_faces(&work);
             faces.retain(|_| opened.next() < Some(share));
-            let (before, bad_before) = (work.tissue.rest.clone(), bad_nodes(&work));
+            let (before, bad_before, nodes) = (work.tissue.rest.clone(), bad_nodes(&work), work.star.nodes());
             let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| work.parting(node, &faces)).collect();
             let copies = work.part(&partings);
             let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
@@ -337,8 +339,9 @@ mod tests {
             expected.sort_unstable();
             expected.dedup();
             prop_assert_eq!(work.spoilt_nodes(&partings, &copies), expected);
-            work.join_again(&partings, &copies);
+            work.join_again(&partings, &copies, nodes);
             prop_assert_eq!(&work.tissue.rest.tets, &before.tets);
+            prop_assert_eq!(work.star.nodes(), nodes);
         }
 
         #[test]
@@ -355,5 +358,28 @@ mod tests {
             let tets = |face: &Face| (*face, work.tets_at(face).expect("an inner face"));
             prop_assert_eq!(work.marked_faces(), expected.iter().map(tets).collect::<Vec<_>>());
         }
+    }
+
+    /// The last node was taken away where no tet had used it: a sweep that changed nothing left a mark too few, and everybody refused the state with it.
+    #[test]
+    fn what_is_joined_again_has_as_many_nodes_as_before_also_where_no_tet_used_the_last_one() {
+        let positions_m =
+            vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]];
+        let tets = vec![[0, 1, 2, 3], [4, 1, 3, 2]];
+        let mut tissue = Cuttable::at_rest(TetMesh { positions_m, tets, regions: vec![0; 2] });
+        let counts = |tissue: &Cuttable| {
+            let points = [&tissue.rest.positions_m, &tissue.position_m, &tissue.velocity_m_s, &tissue.marks];
+            (points.map(Vec::len), tissue.fixed.len(), tissue.rest.tets.clone())
+        };
+        let (before, options) = (counts(&tissue), CutOptions::default());
+        let mut work = Work::new(&mut tissue, &options, vec![0, 1]);
+        let stars = |work: &Work| (0..work.star.nodes() as u32).map(|node| work.star.of(node).to_vec()).collect::<Vec<_>>();
+        let (star, free, nodes) = (stars(&work), work.free.clone(), work.star.nodes());
+        let partings: Vec<Parting> = [1, 2, 3].into_iter().map(|node| (node, vec![vec![1]])).collect();
+        let copies = work.part(&partings);
+        assert_eq!(copies, [[5, 1], [6, 2], [7, 3]], "the two that no tet uses, and one more");
+        work.join_again(&partings, &copies, nodes);
+        assert_eq!((stars(&work), &work.free), (star, &free));
+        assert_eq!(counts(&tissue), before);
     }
 }

@@ -134,7 +134,7 @@ pub struct Figures {
 pub(super) struct Known<'a> {
     pub plan: &'a Plan,
     pub outcomes: &'a [Outcome],
-    /// Largest force steps of fault-free windows, N: of those that began while the tool touched nothing, and while it did.
+    /// Largest force steps of fault-free windows, N: of those that came while the tool touched nothing, and while it did.
     pub steps_n: [f64; 2],
     /// Most ticks that a control window lost.
     pub most_missed: u64,
@@ -234,16 +234,16 @@ impl Figures {
 /// Fewest control windows of which one in a hundred is left out.
 const MANY: usize = 100;
 
-/// The largest force steps of fault-free ticks in an arm, N, of control windows that began while the tool touched nothing, and of those that began while it did,
-/// whatever the state of their faults: what begins at the wall excuses no kick in the open. Of many control windows the hundredth part that stepped most does not
-/// count, so that a single bad one does not excuse every fault. Where none began in the open, nobody knows better than all of them together.
+/// The largest force steps of fault-free ticks in an arm, N, of those of its control windows that came while the tool touched nothing, and of those that came
+/// while it did: what is made at the wall excuses no kick in the open. Of many control windows with such steps the hundredth part that stepped most does not
+/// count, so that a single bad one does not excuse every fault. Where none has a step in the open, nobody knows better than all of them together.
 pub(super) fn quiet_steps_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> [f64; 2] {
     [false, true].map(|in_contact| {
         let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
         let later = |outcome: &&Outcome| outcome.fault.as_ref().is_some_and(|fault| !fault.control_early);
         let controls = here.filter(later).filter_map(|outcome| Some((outcome.fault.as_ref()?.control?, outcome)));
-        let alike = controls.filter(|(control, outcome)| touches(Some(control), outcome) == in_contact);
-        let mut steps: Vec<f64> = alike.map(|(control, _)| control.force_step_max_n).collect();
+        let steps = controls.map(|(control, outcome)| control.steps_n(touches(Some(&control), outcome)));
+        let mut steps: Vec<f64> = steps.filter_map(|steps_n| steps_n[usize::from(in_contact)]).collect();
         steps.sort_by(f64::total_cmp);
         if steps.len() >= MANY {
             return steps[steps.len() - 1 - steps.len() / MANY];

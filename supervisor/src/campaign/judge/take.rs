@@ -205,14 +205,14 @@ impl Figures {
         }
         let after = fault.aftermath.unwrap_or_default();
         self.aftermath = [self.aftermath[0] + after.ticks, self.aftermath[1] + after.missed];
-        let step_n = steps_n[usize::from(touches(Some(&window), outcome))];
         // Whatever the supervisor said of it: that knows the last ten seconds, and this all that was ever made in this state.
-        if window.force_step_max_n > fault.most_step_n(step_n) {
-            let text = format!(
-                "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
-                outcome.index, window.force_step_max_n
-            );
-            self.reasons.push(text);
+        let made_n = window.steps_n(touches(Some(&window), outcome)).into_iter().zip(steps_n).zip(["in the open", "in contact"]);
+        for ((made_n, quiet_n), state) in made_n {
+            if let Some(made_n) = made_n.filter(|made_n| *made_n > fault.most_step_n(quiet_n)) {
+                let index = outcome.index;
+                self.reasons
+                    .push(format!("fault {index}: a force step of {made_n:.3} N, {quiet_n:.3} N without a fault {state}"));
+            }
         }
     }
 }
