@@ -1,6 +1,7 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 mod case;
+mod lookup;
 mod model;
 mod roots;
 
