@@ -18,6 +18,7 @@ use crate::state::FARTHEST_M;
 use crate::tool::Tool;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::{Failure, Life, Settings};
+use hyst_exchange::allocation;
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{LoadedLoop, LoadedScene, Look};
@@ -159,6 +160,8 @@ impl Workshop {
 
     /// The same for steps that are so many times as short, with more than one no mass is added, and contacts that are so many times as stiff.
     pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32, stiffer: f32) -> Result<(Workshop, World), Failure> {
+        // The lists of a world, some megabytes, are made anew in each cut, and those of the one before are freed.
+        allocation::keep_what_is_freed();
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
         let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
         let body = Body::of(scene, rest)?;
