@@ -43,9 +43,16 @@ pub struct ContactPoints {
     pub graph: PointGraph,
     /// For each node of the tissue, whether it is at the surface of its object.
     pub is_surface: Vec<bool>,
-    /// Object of each node, [`NONE`] for those that no tet uses.
+    /// What its tets say of each node of the tissue.
+    pub of_tets: OfTets,
+}
+
+/// What tets say of their nodes.
+#[derive(Clone, Debug, Default)]
+pub struct OfTets {
+    /// Object of each, [`NONE`] for those that no tet uses.
     pub object_of: Vec<u32>,
-    /// For each node of the tissue its longest edge at rest, m.
+    /// The longest edge of each at rest, m.
     pub longest_m: Vec<f32>,
 }
 
@@ -80,7 +87,7 @@ fn surface(body: &Body, topology: &Topology) -> (Vec<f32>, Vec<u32>) {
 
 impl ContactPoints {
     /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet nobody; nor do
-    /// those beside the root of what is held, which comes out of the wall there.
+    /// those beside the root of what is held, which comes out of the wall there. What the tets say of the nodes is left to [`Telling`].
     pub fn of(
         case: &Case,
         body: &Body,
@@ -90,7 +97,6 @@ impl ContactPoints {
     ) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
         let (area_m2, owner_of) = surface(body, topology);
-        let (longest_m, object_of) = of_tets(body);
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
             own_from: 0,
@@ -100,8 +106,7 @@ impl ContactPoints {
             area_m2: tool.area_m2.clone(),
             graph: PointGraph::default(),
             is_surface: owner_of.iter().map(|owner| *owner != NONE).collect(),
-            object_of,
-            longest_m,
+            of_tets: OfTets::default(),
         };
         let is = |object: u32, kind: ObjectKind| objects.get(object as usize).is_some_and(|object| object.kind == kind as u32);
         let grows = |object: u32| is(object, ObjectKind::Pathology);
@@ -196,7 +201,8 @@ impl ContactPoints {
     fn moved(&self, positions_m: &[[f32; 3]], rest_m: &[[f32; 3]]) -> [Moved; MAX_OBJECTS] {
         let mut moved = [Moved::NOTHING; MAX_OBJECTS];
         let far = (0.5 * self.beyond_m()).powi(2);
-        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(&self.object_of).zip(&self.longest_m) {
+        let OfTets { object_of, longest_m } = &self.of_tets;
+        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(object_of).zip(longest_m) {
             let Some(moved) = moved.get_mut(*object as usize) else { continue };
             let (place, rest) = (Vec3::from(*place), Vec3::from(*rest));
             let squared = place.distance_squared(rest);
@@ -212,24 +218,45 @@ impl ContactPoints {
     }
 }
 
-/// The longest edge of each node at rest, m, and its object, [`NONE`] for one that no tet uses.
-fn of_tets(body: &Body) -> (Vec<f32>, Vec<u32>) {
-    let nodes = body.rest.positions_m.len();
-    let (mut longest_m, mut object_of) = (vec![0.0f32; nodes], vec![NONE; nodes]);
-    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-        let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
-        // Squared until all are known: the root of the greatest is the greatest root.
+/// Asks the tets of a body what they say of their nodes, one after the other.
+pub struct Telling<'a> {
+    body: &'a Body,
+    /// The next tet.
+    next: usize,
+    /// With squares of the edges until all are known: the root of the greatest is the greatest root.
+    told: OfTets,
+}
+
+impl<'a> Telling<'a> {
+    /// Of a body.
+    pub fn of(body: &'a Body) -> Telling<'a> {
+        let nodes = body.rest.positions_m.len();
+        Telling { body, next: 0, told: OfTets { object_of: vec![NONE; nodes], longest_m: vec![0.0; nodes] } }
+    }
+
+    /// Asks the next tet; false behind the last one.
+    pub fn ask(&mut self) -> bool {
+        let rest = &self.body.rest;
+        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
+        let [a, b, c, d] = tet.map(|node| Vec3::from(rest.positions_m[node as usize]));
         let [ab, ac, ad] = [b, c, d].map(|other| a.distance_squared(other));
         let [bc, bd, cd] = [(b, c), (b, d), (c, d)].map(|(one, other)| one.distance_squared(other));
         let longest = [ab.max(ac).max(ad), ab.max(bc).max(bd), ac.max(bc).max(cd), ad.max(bd).max(cd)];
         for (node, longest) in tet.iter().zip(longest) {
-            let node = *node as usize;
-            longest_m[node] = longest_m[node].max(longest);
-            object_of[node] = *object;
+            let longest_m = &mut self.told.longest_m[*node as usize];
+            *longest_m = longest_m.max(longest);
+            self.told.object_of[*node as usize] = *object;
         }
+        self.next += 1;
+        true
     }
-    longest_m.iter_mut().for_each(|longest| *longest = longest.sqrt());
-    (longest_m, object_of)
+
+    /// Asks those that are left.
+    pub fn ended(mut self) -> OfTets {
+        while self.ask() {}
+        self.told.longest_m.iter_mut().for_each(|longest_m| *longest_m = longest_m.sqrt());
+        self.told
+    }
 }
 
 /// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
@@ -288,7 +315,7 @@ mod tests {
     #[test]
     fn the_longest_edge_and_the_object_of_a_node_are_those_of_its_tets() {
         let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
-        let (rest, (longest_m, object_of)) = (&world.body.rest, of_tets(&world.body));
+        let (rest, OfTets { object_of, longest_m }) = (&world.body.rest, world.points.of_tets.clone());
         let (place, owners) = (|node: u32| Vec3::from(rest.positions_m[node as usize]), world.body.owners());
         for (node, (longest_m, object)) in (0..).zip(longest_m.into_iter().zip(object_of)) {
             let around = rest.tets.iter().filter(|tet| tet.contains(&node));

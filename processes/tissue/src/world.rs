@@ -12,7 +12,7 @@ use crate::knife::{Filled, Filling};
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
-use crate::points::ContactPoints;
+use crate::points::{ContactPoints, Telling};
 use crate::site::{MAX_OBJECTS, object};
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
@@ -260,14 +260,18 @@ impl World {
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let objects = objects(case, &body, &is_rooted);
-        let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
+        let mut points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         passed();
         let words = body.pack();
-        let mut filling = Filling::of(case, &body, &objects);
+        let (mut filling, mut telling) = (Filling::of(case, &body, &objects), Telling::of(&body));
         let version = version_beside(&words, || {
-            filling.add();
+            // There are some words more than these and those together.
+            if !filling.add() {
+                telling.ask();
+            }
         });
         let filled = filling.ended();
+        points.of_tets = telling.ended();
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
