@@ -276,9 +276,15 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
     let owner: Vec<u32> = nodes.iter().map(|node| origin(owner_of[*node as usize])).collect();
     // Where all nodes are of one object, as with one pathology, its own tets are not even looked at.
     let of_all = owner.first().copied().filter(|first| owner.iter().all(|owner| owner == first));
-    let tets = body.rest.tets.iter().zip(&body.rest.regions).map(|(tet, object)| (*tet, origin(*object)));
-    let (tets, of_tet): (Vec<[u32; 4]>, Vec<u32>) = tets.filter(|(_, of)| Some(*of) != of_all).unzip();
-    let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &tets, tet_owner: &of_tet };
+    let mut of_tet: Vec<u32> = body.rest.regions.iter().map(|object| origin(*object)).collect();
+    let mut of_others = Vec::new();
+    if let Some(of_all) = of_all {
+        of_others.reserve(of_tet.len());
+        of_others.extend(body.rest.tets.iter().zip(&of_tet).filter(|(_, of)| **of != of_all).map(|(tet, _)| *tet));
+        of_tet.retain(|of| *of != of_all);
+    }
+    let tets = if of_all.is_some() { &of_others } else { &body.rest.tets };
+    let tissue = Tissue { positions_m: &body.rest.positions_m, tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
     let points = Points { owner: &owner, node: &[], own: None };
     let found = intersect(Share::ALL, &hash.as_ref(), &points, &tissue, &mut Cull::default(), &mut hits).map_err(broken)?;
