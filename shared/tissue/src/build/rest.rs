@@ -305,9 +305,11 @@ mod tests {
         }
         assert!(matches!(renew(&mesh, FORCE_MAX_N), Err(ModelError::BadTet { tet: 0, .. })));
         assert_eq!(renew(&mesh, 0.5), Ok(()));
-        // A new one is asked though those that are kept need not be.
-        mesh.positions_m[17][0] += 1e-3;
-        assert!(matches!(renew(&mesh, FORCE_MAX_N), Err(ModelError::BadTet { tet: 0, .. })));
+        // Not too far for any of these (155 N/m each), and too far for one of them that is stretched (1 040 N/m).
+        let far_m = FORCE_MAX_N / 200.0;
+        assert_eq!(renew(&mesh, far_m), Ok(()));
+        mesh.positions_m[13][0] += 0.09;
+        assert!(matches!(renew(&mesh, far_m), Err(ModelError::BadTet { tet: 3, .. })));
         assert_eq!(renew(&mesh, 1.0), Ok(()));
     }
 
