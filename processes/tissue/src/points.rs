@@ -113,7 +113,7 @@ impl ContactPoints {
         let may_meet = |object: u32| grows(object) || is(object, ObjectKind::FreePiece);
         // Those that meet others, and of them those at roots, which meet nobody.
         let mut others_of: Vec<u32> = owner_of.iter().map(|owner| if may_meet(*owner) { *owner } else { NONE }).collect();
-        let buried = buried(case, body, &others_of)?;
+        let buried = buried(case, body, &owner_of, &others_of)?;
         let mut is_root = body.fixed.clone();
         attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
         for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
@@ -259,13 +259,31 @@ impl<'a> Telling<'a> {
     }
 }
 
-/// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
-fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failure> {
-    let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-    let nodes: Vec<u32> = (0..owner_of.len() as u32).filter(|node| owner_of[*node as usize] != NONE).collect();
-    if nodes.is_empty() {
-        return Ok(nodes);
+/// For each object of the scene whether the box around it meets one around those nodes of another that are asked about: else none of them lies in its tets.
+/// `owner_of` has the owner of each node of a surface, where an object's farthest nodes are, `asked_of` that of each that is asked about.
+fn may_bury(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Vec<bool> {
+    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut around = vec![[nothing; 2]; body.origin.len()];
+    for (place_m, owners) in body.rest.positions_m.iter().zip(owner_of.iter().zip(asked_of)) {
+        for (which, owner) in [owners.0, owners.1].into_iter().enumerate().filter(|(_, owner)| **owner != NONE) {
+            let (place, around) = (Vec3::from(*place_m), &mut around[case.origin(body, *owner)][which]);
+            *around = (around.0.min(place), around.1.max(place));
+        }
     }
+    let meets = |one: &(Vec3, Vec3), other: &(Vec3, Vec3)| one.0.cmple(other.1).all() && other.0.cmple(one.1).all();
+    let is_met = |object: usize| (0..around.len()).any(|other| other != object && meets(&around[object][0], &around[other][1]));
+    (0..around.len()).map(is_met).collect()
+}
+
+/// Nodes that lie in tissue of another object of the scene at rest, of those that `asked_of` has an owner of; `owner_of` has that of all nodes of surfaces.
+fn buried(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Result<Vec<u32>, Failure> {
+    let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
+    // What buries nothing, as a pathology beside no other one, is not even looked at.
+    let may_bury = may_bury(case, body, owner_of, asked_of);
+    if !may_bury.contains(&true) {
+        return Ok(Vec::new());
+    }
+    let nodes: Vec<u32> = (0..asked_of.len() as u32).filter(|node| asked_of[*node as usize] != NONE).collect();
     let points_m: Vec<[f32; 3]> = nodes.iter().map(|node| body.rest.positions_m[*node as usize]).collect();
     let sizes = HashSizes::for_points(points_m.len());
     let mut words = vec![0; sizes.words()];
@@ -273,18 +291,17 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
     hash.build(&points_m, case.cell_m, Layout::Auto).map_err(broken)?;
     // Whose a tet was in the scene: where two parts of one object touch after a cut, neither is buried in the other.
     let origin = |object: u32| case.origin(body, object) as u32;
-    let owner: Vec<u32> = nodes.iter().map(|node| origin(owner_of[*node as usize])).collect();
-    // Where all nodes are of one object, as with one pathology, its own tets are not even looked at.
-    let of_all = owner.first().copied().filter(|first| owner.iter().all(|owner| owner == first));
-    let mut of_tet: Vec<u32> = body.rest.regions.iter().map(|object| origin(*object)).collect();
-    let mut of_others = Vec::new();
-    if let Some(of_all) = of_all {
-        of_others.reserve(of_tet.len());
-        of_others.extend(body.rest.tets.iter().zip(&of_tet).filter(|(_, of)| **of != of_all).map(|(tet, _)| *tet));
-        of_tet.retain(|of| *of != of_all);
+    let owner: Vec<u32> = nodes.iter().map(|node| origin(asked_of[*node as usize])).collect();
+    let count = body.rest.tets.len();
+    let (mut tets, mut of_tet) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+        let of = origin(*object);
+        if may_bury[of as usize] {
+            tets.push(*tet);
+            of_tet.push(of);
+        }
     }
-    let tets = if of_all.is_some() { &of_others } else { &body.rest.tets };
-    let tissue = Tissue { positions_m: &body.rest.positions_m, tets, tet_owner: &of_tet };
+    let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
     let points = Points { owner: &owner, node: &[], own: None };
     let found = intersect(Share::ALL, &hash.as_ref(), &points, &tissue, &mut Cull::default(), &mut hits).map_err(broken)?;
@@ -314,8 +331,23 @@ mod tests {
             let found = intersect_brute(&places_m, &points, &tissue, &mut hits).unwrap();
             let expected: Vec<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
             assert!(expected.len() > 3 && found.dropped == 0, "{} nodes", expected.len());
-            assert_eq!(buried(&world.case, &world.body, &owner).unwrap(), expected);
+            assert_eq!(buried(&world.case, &world.body, &owner_of, &owner).unwrap(), expected);
         }
+    }
+
+    #[test]
+    fn an_object_may_bury_nodes_of_another_whose_box_meets_its_own_and_none_of_itself() {
+        let (_, mut world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
+        let owner_of = surface(&world.body, &world.topology).1;
+        let of_polyp: Vec<u32> = owner_of.iter().map(|owner| if *owner == 1 { 1 } else { NONE }).collect();
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &of_polyp), [true, false]);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [true, true]);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &vec![NONE; owner_of.len()]), [false, false]);
+        // A polyp that is elsewhere.
+        let places_m = world.body.rest.positions_m.iter_mut();
+        places_m.zip(&world.points.of_tets.object_of).filter(|(_, of)| **of == 1).for_each(|(place_m, _)| place_m[2] += 1.0);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [false, false]);
+        assert!(buried(&world.case, &world.body, &owner_of, &owner_of).unwrap().is_empty());
     }
 
     #[test]
