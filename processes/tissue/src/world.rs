@@ -330,10 +330,10 @@ fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
         *at = if *sum == 0 { first } else { *at };
         *sum += number;
     };
-    let of_vertex = |vertex: usize| Some(body.rest.regions[body.skin.bindings[vertex].tet as usize]);
+    let of_vertex: Vec<u32> = body.skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
     runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
-    runs((0..body.skin.rest_m.len()).map(of_vertex), |object, first, number| note(1, object, first, number));
-    let of_triangle = body.skin.triangles.iter().map(|triangle| of_vertex(triangle[0] as usize));
+    runs(of_vertex.iter().map(|object| Some(*object)), |object, first, number| note(1, object, first, number));
+    let of_triangle = body.skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
     runs(of_triangle, |object, first, number| note(2, object, first, number));
     runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
     let deformable = (0..count).map(|index| {
