@@ -125,6 +125,9 @@ impl Case {
 
     /// What holds the nodes of a body in hosts. A node that was copied is held as its original is.
     pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
+        if self.roots.all.is_empty() {
+            return Vec::new();
+        }
         let owner = body.owners();
         let root_of = |(node, place_m): (usize, &[f32; 3])| {
             let root = self.roots.at(*place_m, || Some(self.origin(body, owner[node]?) as u32))?;
@@ -153,10 +156,13 @@ impl Case {
         let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
         let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
         let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());
-        let touches = |tet: &[u32; 4]| {
-            let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
-            a.min(b).min(c.min(d)).cmple(high).all() && a.max(b).max(c.max(d)).cmpge(low).all()
+        // Beyond which sides of that box each node is: a tet's box touches it if its corners are not all beyond the same one.
+        let beyond = |place_m: &[f32; 3]| {
+            let place = Vec3::from(*place_m);
+            place.cmplt(low).bitmask() | (place.cmpgt(high).bitmask() << 3)
         };
+        let beyond: Vec<u32> = body.rest.positions_m.iter().map(beyond).collect();
+        let touches = |tet: &[u32; 4]| tet.iter().fold(u32::MAX, |all, node| all & beyond[*node as usize]) == 0;
         let near = body.rest.tets.iter().zip(&body.rest.regions).filter(|&(tet, _)| touches(tet));
         near.map(|(tet, region)| Near::of(body, *tet, self.origin(body, *region) as u32)).collect()
     }
