@@ -94,7 +94,7 @@ impl Grasp {
 
     /// Lets go of what is no tissue of a world any more.
     pub fn keep_tissue(&mut self, world: &World) {
-        let object = |node: &u32| world.points.object_of.get(*node as usize).copied().unwrap_or(NONE);
+        let object = |node: &u32| world.points.of_tets.object_of.get(*node as usize).copied().unwrap_or(NONE);
         self.grips.retain(|grip| grip.nodes.iter().all(|node| object(node) != NONE));
     }
 
@@ -153,7 +153,7 @@ impl Grasp {
 
     /// Objects of which something is held.
     pub fn objects<'a>(&'a self, world: &'a World) -> impl Iterator<Item = u32> + 'a {
-        self.grips.iter().filter_map(|grip| world.points.object_of.get(grip.nodes[0] as usize).copied())
+        self.grips.iter().filter_map(|grip| world.points.of_tets.object_of.get(grip.nodes[0] as usize).copied())
     }
 }
 

@@ -43,9 +43,16 @@ pub struct ContactPoints {
     pub graph: PointGraph,
     /// For each node of the tissue, whether it is at the surface of its object.
     pub is_surface: Vec<bool>,
-    /// Object of each node, [`NONE`] for those that no tet uses.
+    /// What its tets say of each node of the tissue.
+    pub of_tets: OfTets,
+}
+
+/// What tets say of their nodes.
+#[derive(Clone, Debug, Default)]
+pub struct OfTets {
+    /// Object of each, [`NONE`] for those that no tet uses.
     pub object_of: Vec<u32>,
-    /// For each node of the tissue its longest edge at rest, m.
+    /// The longest edge of each at rest, m.
     pub longest_m: Vec<f32>,
 }
 
@@ -80,7 +87,7 @@ fn surface(body: &Body, topology: &Topology) -> (Vec<f32>, Vec<u32>) {
 
 impl ContactPoints {
     /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet nobody; nor do
-    /// those beside the root of what is held, which comes out of the wall there.
+    /// those beside the root of what is held, which comes out of the wall there. What the tets say of the nodes is left to [`Telling`].
     pub fn of(
         case: &Case,
         body: &Body,
@@ -90,7 +97,6 @@ impl ContactPoints {
     ) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
         let (area_m2, owner_of) = surface(body, topology);
-        let (longest_m, object_of) = of_tets(body);
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
             own_from: 0,
@@ -100,15 +106,14 @@ impl ContactPoints {
             area_m2: tool.area_m2.clone(),
             graph: PointGraph::default(),
             is_surface: owner_of.iter().map(|owner| *owner != NONE).collect(),
-            object_of,
-            longest_m,
+            of_tets: OfTets::default(),
         };
         let is = |object: u32, kind: ObjectKind| objects.get(object as usize).is_some_and(|object| object.kind == kind as u32);
         let grows = |object: u32| is(object, ObjectKind::Pathology);
         let may_meet = |object: u32| grows(object) || is(object, ObjectKind::FreePiece);
         // Those that meet others, and of them those at roots, which meet nobody.
         let mut others_of: Vec<u32> = owner_of.iter().map(|owner| if may_meet(*owner) { *owner } else { NONE }).collect();
-        let buried = buried(case, body, &others_of)?;
+        let buried = buried(case, body, &owner_of, &others_of)?;
         let mut is_root = body.fixed.clone();
         attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
         for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
@@ -196,7 +201,8 @@ impl ContactPoints {
     fn moved(&self, positions_m: &[[f32; 3]], rest_m: &[[f32; 3]]) -> [Moved; MAX_OBJECTS] {
         let mut moved = [Moved::NOTHING; MAX_OBJECTS];
         let far = (0.5 * self.beyond_m()).powi(2);
-        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(&self.object_of).zip(&self.longest_m) {
+        let OfTets { object_of, longest_m } = &self.of_tets;
+        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(object_of).zip(longest_m) {
             let Some(moved) = moved.get_mut(*object as usize) else { continue };
             let (place, rest) = (Vec3::from(*place), Vec3::from(*rest));
             let squared = place.distance_squared(rest);
@@ -212,33 +218,72 @@ impl ContactPoints {
     }
 }
 
-/// The longest edge of each node at rest, m, and its object, [`NONE`] for one that no tet uses.
-fn of_tets(body: &Body) -> (Vec<f32>, Vec<u32>) {
-    let nodes = body.rest.positions_m.len();
-    let (mut longest_m, mut object_of) = (vec![0.0f32; nodes], vec![NONE; nodes]);
-    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-        let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
-        // Squared until all are known: the root of the greatest is the greatest root.
+/// Asks the tets of a body what they say of their nodes, one after the other.
+pub struct Telling<'a> {
+    body: &'a Body,
+    /// The next tet.
+    next: usize,
+    /// With squares of the edges until all are known: the root of the greatest is the greatest root.
+    told: OfTets,
+}
+
+impl<'a> Telling<'a> {
+    /// Of a body.
+    pub fn of(body: &'a Body) -> Telling<'a> {
+        let nodes = body.rest.positions_m.len();
+        Telling { body, next: 0, told: OfTets { object_of: vec![NONE; nodes], longest_m: vec![0.0; nodes] } }
+    }
+
+    /// Asks the next tet; false behind the last one.
+    pub fn ask(&mut self) -> bool {
+        let rest = &self.body.rest;
+        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
+        let [a, b, c, d] = tet.map(|node| Vec3::from(rest.positions_m[node as usize]));
         let [ab, ac, ad] = [b, c, d].map(|other| a.distance_squared(other));
         let [bc, bd, cd] = [(b, c), (b, d), (c, d)].map(|(one, other)| one.distance_squared(other));
         let longest = [ab.max(ac).max(ad), ab.max(bc).max(bd), ac.max(bc).max(cd), ad.max(bd).max(cd)];
         for (node, longest) in tet.iter().zip(longest) {
-            let node = *node as usize;
-            longest_m[node] = longest_m[node].max(longest);
-            object_of[node] = *object;
+            let longest_m = &mut self.told.longest_m[*node as usize];
+            *longest_m = longest_m.max(longest);
+            self.told.object_of[*node as usize] = *object;
         }
+        self.next += 1;
+        true
     }
-    longest_m.iter_mut().for_each(|longest| *longest = longest.sqrt());
-    (longest_m, object_of)
+
+    /// Asks those that are left.
+    pub fn ended(mut self) -> OfTets {
+        while self.ask() {}
+        self.told.longest_m.iter_mut().for_each(|longest_m| *longest_m = longest_m.sqrt());
+        self.told
+    }
 }
 
-/// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
-fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failure> {
-    let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-    let nodes: Vec<u32> = (0..owner_of.len() as u32).filter(|node| owner_of[*node as usize] != NONE).collect();
-    if nodes.is_empty() {
-        return Ok(nodes);
+/// For each object of the scene whether the box around it meets one around those nodes of another that are asked about: else none of them lies in its tets.
+/// `owner_of` has the owner of each node of a surface, where an object's farthest nodes are, `asked_of` that of each that is asked about.
+fn may_bury(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Vec<bool> {
+    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut around = vec![[nothing; 2]; body.origin.len()];
+    for (place_m, owners) in body.rest.positions_m.iter().zip(owner_of.iter().zip(asked_of)) {
+        for (which, owner) in [owners.0, owners.1].into_iter().enumerate().filter(|(_, owner)| **owner != NONE) {
+            let (place, around) = (Vec3::from(*place_m), &mut around[case.origin(body, *owner)][which]);
+            *around = (around.0.min(place), around.1.max(place));
+        }
     }
+    let meets = |one: &(Vec3, Vec3), other: &(Vec3, Vec3)| one.0.cmple(other.1).all() && other.0.cmple(one.1).all();
+    let is_met = |object: usize| (0..around.len()).any(|other| other != object && meets(&around[object][0], &around[other][1]));
+    (0..around.len()).map(is_met).collect()
+}
+
+/// Nodes that lie in tissue of another object of the scene at rest, of those that `asked_of` has an owner of; `owner_of` has that of all nodes of surfaces.
+fn buried(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Result<Vec<u32>, Failure> {
+    let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
+    // What buries nothing, as a pathology beside no other one, is not even looked at.
+    let may_bury = may_bury(case, body, owner_of, asked_of);
+    if !may_bury.contains(&true) {
+        return Ok(Vec::new());
+    }
+    let nodes: Vec<u32> = (0..asked_of.len() as u32).filter(|node| asked_of[*node as usize] != NONE).collect();
     let points_m: Vec<[f32; 3]> = nodes.iter().map(|node| body.rest.positions_m[*node as usize]).collect();
     let sizes = HashSizes::for_points(points_m.len());
     let mut words = vec![0; sizes.words()];
@@ -246,11 +291,16 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
     hash.build(&points_m, case.cell_m, Layout::Auto).map_err(broken)?;
     // Whose a tet was in the scene: where two parts of one object touch after a cut, neither is buried in the other.
     let origin = |object: u32| case.origin(body, object) as u32;
-    let owner: Vec<u32> = nodes.iter().map(|node| origin(owner_of[*node as usize])).collect();
-    // Where all nodes are of one object, as with one pathology, its own tets are not even looked at.
-    let of_all = owner.first().copied().filter(|first| owner.iter().all(|owner| owner == first));
-    let tets = body.rest.tets.iter().zip(&body.rest.regions).map(|(tet, object)| (*tet, origin(*object)));
-    let (tets, of_tet): (Vec<[u32; 4]>, Vec<u32>) = tets.filter(|(_, of)| Some(*of) != of_all).unzip();
+    let owner: Vec<u32> = nodes.iter().map(|node| origin(asked_of[*node as usize])).collect();
+    let count = body.rest.tets.len();
+    let (mut tets, mut of_tet) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+        let of = origin(*object);
+        if may_bury[of as usize] {
+            tets.push(*tet);
+            of_tet.push(of);
+        }
+    }
     let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
     let points = Points { owner: &owner, node: &[], own: None };
@@ -281,14 +331,29 @@ mod tests {
             let found = intersect_brute(&places_m, &points, &tissue, &mut hits).unwrap();
             let expected: Vec<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
             assert!(expected.len() > 3 && found.dropped == 0, "{} nodes", expected.len());
-            assert_eq!(buried(&world.case, &world.body, &owner).unwrap(), expected);
+            assert_eq!(buried(&world.case, &world.body, &owner_of, &owner).unwrap(), expected);
         }
+    }
+
+    #[test]
+    fn an_object_may_bury_nodes_of_another_whose_box_meets_its_own_and_none_of_itself() {
+        let (_, mut world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
+        let owner_of = surface(&world.body, &world.topology).1;
+        let of_polyp: Vec<u32> = owner_of.iter().map(|owner| if *owner == 1 { 1 } else { NONE }).collect();
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &of_polyp), [true, false]);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [true, true]);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &vec![NONE; owner_of.len()]), [false, false]);
+        // A polyp that is elsewhere.
+        let places_m = world.body.rest.positions_m.iter_mut();
+        places_m.zip(&world.points.of_tets.object_of).filter(|(_, of)| **of == 1).for_each(|(place_m, _)| place_m[2] += 1.0);
+        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [false, false]);
+        assert!(buried(&world.case, &world.body, &owner_of, &owner_of).unwrap().is_empty());
     }
 
     #[test]
     fn the_longest_edge_and_the_object_of_a_node_are_those_of_its_tets() {
         let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
-        let (rest, (longest_m, object_of)) = (&world.body.rest, of_tets(&world.body));
+        let (rest, OfTets { object_of, longest_m }) = (&world.body.rest, world.points.of_tets.clone());
         let (place, owners) = (|node: u32| Vec3::from(rest.positions_m[node as usize]), world.body.owners());
         for (node, (longest_m, object)) in (0..).zip(longest_m.into_iter().zip(object_of)) {
             let around = rest.tets.iter().filter(|tet| tet.contains(&node));

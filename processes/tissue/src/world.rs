@@ -1,6 +1,7 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 mod case;
+mod lookup;
 mod model;
 mod roots;
 
@@ -11,12 +12,13 @@ use crate::knife::{Filled, Filling};
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
-use crate::points::ContactPoints;
+use crate::points::{ContactPoints, Telling};
 use crate::site::{MAX_OBJECTS, object};
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::{Failure, Life, Settings};
+use hyst_exchange::allocation;
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{LoadedLoop, LoadedScene, Look};
@@ -158,6 +160,8 @@ impl Workshop {
 
     /// The same for steps that are so many times as short, with more than one no mass is added, and contacts that are so many times as stiff.
     pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32, stiffer: f32) -> Result<(Workshop, World), Failure> {
+        // The lists of a world, some megabytes, are made anew in each cut, and those of the one before are freed.
+        allocation::keep_what_is_freed();
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
         let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
         let body = Body::of(scene, rest)?;
@@ -256,14 +260,18 @@ impl World {
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let objects = objects(case, &body, &is_rooted);
-        let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
+        let mut points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         passed();
         let words = body.pack();
-        let mut filling = Filling::of(case, &body, &objects);
+        let (mut filling, mut telling) = (Filling::of(case, &body, &objects), Telling::of(&body));
         let version = version_beside(&words, || {
-            filling.add();
+            // There are some words more than these and those together.
+            if !filling.add() {
+                telling.ask();
+            }
         });
         let filled = filling.ended();
+        points.of_tets = telling.ended();
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
@@ -322,10 +330,10 @@ fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
         *at = if *sum == 0 { first } else { *at };
         *sum += number;
     };
-    let of_vertex = |vertex: usize| Some(body.rest.regions[body.skin.bindings[vertex].tet as usize]);
+    let of_vertex: Vec<u32> = body.skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
     runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
-    runs((0..body.skin.rest_m.len()).map(of_vertex), |object, first, number| note(1, object, first, number));
-    let of_triangle = body.skin.triangles.iter().map(|triangle| of_vertex(triangle[0] as usize));
+    runs(of_vertex.iter().map(|object| Some(*object)), |object, first, number| note(1, object, first, number));
+    let of_triangle = body.skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
     runs(of_triangle, |object, first, number| note(2, object, first, number));
     runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
     let deformable = (0..count).map(|index| {

@@ -46,16 +46,18 @@ impl PointGraph {
         let mut highs = vec![0u32; lows.len()];
         ends.copy_from_slice(&high_starts);
         for high in 0..points {
+            let mut new_of_high = 0;
             for low in &lows[low_starts[high] as usize..low_starts[high + 1] as usize] {
                 let low = *low as usize;
                 let (start, end) = (high_starts[low] as usize, ends[low] as usize);
-                if start == end || highs[end - 1] != high as u32 {
-                    highs[end] = high as u32;
-                    ends[low] += 1;
-                    starts[low + 1] += 1;
-                    starts[high + 1] += 1;
-                }
+                // Written in any case, for every other edge is a repeat, and which of them no processor foresees. There is room for it at the end of its run.
+                let is_new = u32::from((start == end) | (highs[end.saturating_sub(1)] != high as u32));
+                highs[end] = high as u32;
+                ends[low] += is_new;
+                starts[low + 1] += is_new;
+                new_of_high += is_new;
             }
+            starts[high + 1] += new_of_high;
         }
         sum_up(&mut starts);
         // A point has got the lower ones that it is joined to, ascending, before its own turn comes.

@@ -105,10 +105,14 @@ impl Topology {
         let mut boundary = Vec::with_capacity(open);
         let (mut boundary_owner, mut boundary_tet) = (Vec::with_capacity(open), Vec::with_capacity(open));
         for (t, (tet, behind)) in tets.iter().zip(&neighbours).enumerate() {
-            if !behind.contains(&NONE) || !exists(tet, rest_m.len()) {
+            // One bit each, for which of the four are open no processor foresees.
+            let mut open = (0..4usize).fold(0u32, |open, face| open | (u32::from(behind[face] == NONE) << face));
+            if open == 0 || !exists(tet, rest_m.len()) {
                 continue;
             }
-            for face in (0..4).filter(|&face| behind[face] == NONE) {
+            while open != 0 {
+                let face = open.trailing_zeros() as usize;
+                open &= open - 1;
                 boundary.push(outward(tet, face, rest_m));
                 boundary_owner.push(tet_owner[t]);
                 boundary_tet.push(t as u32);

@@ -5,6 +5,8 @@
 //! may take a lock there that an ordinary thread holds, or ask the kernel for memory. A pool's block costs one look at a word of free blocks
 //! and one change of it, whoever gives it back: no lock, no loop, no wait. What is larger than a block, or comes when all blocks are
 //! lent, goes to the system's allocator as any other thread's does, and is counted.
+//!
+//! Lists that are made anew again and again do not fit a pool. For these the system's allocator is told to keep what it gets back ([`keep_what_is_freed`]).
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::{Cell, UnsafeCell};
@@ -16,6 +18,9 @@ pub const BLOCK_BYTES: usize = 256;
 pub const BLOCKS: usize = 64;
 /// Pools of a process, one for each of its real-time threads: enough for a process that runs all engines as threads.
 pub const POOLS: usize = 16;
+
+/// Length of the block that is the system's allocator's example, bytes: glibc takes none of 32 MiB or more for one (mallopt(3), `M_MMAP_THRESHOLD`).
+const EXAMPLE_BYTES: usize = 31 << 20;
 
 thread_local! {
     static ENTRIES: Cell<u64> = const { Cell::new(0) };
@@ -52,6 +57,16 @@ pub fn give_this_thread_a_pool() -> bool {
     unsafe { pool.memory.0.get().write_bytes(1, 1) };
     OWN_POOL.set(index + 1);
     true
+}
+
+/// Has the system's allocator keep what it is given back, for whoever asks next: up to 62 MiB of each of its heaps. glibc hands large blocks, at first those of
+/// 128 KiB, back to the kernel one by one, and each page of the next costs a fault, some 0.25 µs. A block that was so large it takes for an example: those
+/// up to its length it cuts from its heaps from then on, and it trims these from twice the length on. So one is asked for and given back, which is never
+/// touched. Where it is refused, or the allocator is another one, nothing changes.
+pub fn keep_what_is_freed() {
+    let mut example = Vec::<u8>::new();
+    let _ = example.try_reserve_exact(EXAMPLE_BYTES); // where it is refused pages are fetched as before
+    drop(std::hint::black_box(example));
 }
 
 #[repr(align(256))]

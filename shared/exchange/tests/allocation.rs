@@ -41,6 +41,23 @@ fn entries(publisher: &Publisher, subscriber: &Subscriber) -> [u64; 3] {
     counts
 }
 
+/// What this process has in memory, bytes.
+fn resident_bytes() -> usize {
+    let text = std::fs::read_to_string("/proc/self/statm").unwrap();
+    let pages: usize = text.split_whitespace().nth(1).unwrap().parse().unwrap();
+    pages * rustix::param::page_size()
+}
+
+#[test]
+fn what_is_given_back_stays_with_the_process_once_that_is_asked_for() {
+    const LIST_BYTES: usize = 16 << 20;
+    allocation::keep_what_is_freed();
+    let before = resident_bytes();
+    drop(std::hint::black_box(vec![1u8; LIST_BYTES]));
+    let more = resident_bytes().saturating_sub(before);
+    assert!(more > LIST_BYTES / 2, "of a list of {LIST_BYTES} bytes {more} have stayed");
+}
+
 #[test]
 fn a_message_enters_the_system_allocator_twice_and_never_on_a_thread_with_a_pool() {
     let station = Station::named(&format!("t{}-alloc", std::process::id())).unwrap();

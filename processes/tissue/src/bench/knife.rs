@@ -1,5 +1,6 @@
 //! What a cut costs: a wire is drawn through the middle of the scene's first pathology (without one, of its organ), and the model of what it leaves is
-//! made anew after each tick in which the mesh changed. The same wire is drawn as the Main Loop does it, with the scene's surface and all that is made anew.
+//! made anew after each tick in which the mesh changed. The same wire is drawn as the Main Loop does it, with the scene's surface and all that is made anew,
+//! and with an allocator that keeps what is freed, as the Main Loop's ([`Workshop::open`] asks it to).
 
 use super::press::text;
 use crate::contacts::Contacts;

@@ -4,12 +4,13 @@
 //! tet, or moved a corner of it, it is another one, or the same with other weights: so nothing draws two sides of a cut together, and no cut sets a
 //! spring under tension. Where the place is burnt nothing holds. A body that is whole there is held as the scene says, to the bit.
 
+use super::lookup::Lookup;
 use super::{ATTACHMENT_N_M, Case};
 use crate::body::Body;
 use glam::{DMat3, DVec3, Vec3};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Attachment;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// How far outside of a tet a place may be that counts as in it, as a weight: what rounding makes of one on a face.
 const OUTSIDE: f64 = 1e-4;
@@ -32,8 +33,13 @@ struct Root {
 
 /// The nodes that are held in hosts.
 pub struct Roots {
-    /// By their object and their place at rest, which a copy of a node has too.
-    all: BTreeMap<(u32, [u32; 3]), Root>,
+    all: Vec<Root>,
+    /// Their numbers, by their object and their place at rest, which a copy of a node has too.
+    places: Lookup,
+    /// The tets that they lie in; one in which many do stands there as often.
+    tets: Lookup,
+    /// Whether each node of the scene is a corner of such a tet.
+    is_corner: Vec<bool>,
     /// Box around these places, lowest and highest corner, m: most nodes are outside.
     low: Vec3,
     high: Vec3,
@@ -70,19 +76,41 @@ impl Roots {
         }
         let places = || all.keys().map(|(_, place)| Vec3::from(place.map(f32::from_bits)));
         let (low, high) = (places().fold(Vec3::INFINITY, Vec3::min), places().fold(Vec3::NEG_INFINITY, Vec3::max));
-        Roots { all, low, high }
+        let places = Lookup::of(all.keys().map(|(object, [x, y, z])| [*object, *x, *y, *z]).collect());
+        let all: Vec<Root> = all.into_values().collect();
+        let tets = Lookup::of(all.iter().map(|root| root.tet).collect());
+        let mut is_corner = vec![false; body.rest.positions_m.len()];
+        tets.known().as_flattened().iter().for_each(|node| is_corner[*node as usize] = true);
+        Roots { all, places, tets, is_corner, low, high }
     }
 
     /// Whether anything of an object is held.
     pub(super) fn has(&self, object: u32) -> bool {
-        self.all.keys().any(|(of, _)| *of == object)
+        self.places.known().iter().any(|[of, ..]| *of == object)
     }
 
     /// Where one is held that is at a place at rest, by the object that is asked for.
     fn at(&self, place_m: [f32; 3], object: impl FnOnce() -> Option<u32>) -> Option<Root> {
         let place = Vec3::from(place_m);
         let is_near = place.cmpge(self.low).all() && place.cmple(self.high).all();
-        if is_near { self.all.get(&(object()?, bits(place_m))).copied() } else { None }
+        if !is_near {
+            return None;
+        }
+        let [x, y, z] = bits(place_m);
+        self.places.number([object()?, x, y, z]).map(|number| self.all[number])
+    }
+
+    /// Whether each of their tets, by its number, is in a body, with the same nodes in the same order.
+    fn whole_tets(&self, body: &Body) -> Vec<bool> {
+        let mut is_whole = vec![false; self.tets.known().len()];
+        let is_corner = |node: &u32| self.is_corner.get(*node as usize).is_some_and(|is_corner| *is_corner);
+        // A look at flags is far cheaper than one into the table, and few tets have four of these nodes.
+        for tet in body.rest.tets.iter().filter(|tet| tet.iter().all(is_corner)) {
+            if let Some(number) = self.tets.number(*tet) {
+                is_whole[number] = true;
+            }
+        }
+        is_whole
     }
 }
 
@@ -97,47 +125,84 @@ impl Case {
 
     /// What holds the nodes of a body in hosts. A node that was copied is held as its original is.
     pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
+        if self.roots.all.is_empty() {
+            return Vec::new();
+        }
         let owner = body.owners();
         let root_of = |(node, place_m): (usize, &[f32; 3])| {
             let root = self.roots.at(*place_m, || Some(self.origin(body, owner[node]?) as u32))?;
             Some((node as u32, to_double(*place_m), root))
         };
         let rooted: Vec<(u32, DVec3, Root)> = body.rest.positions_m.iter().enumerate().filter_map(root_of).collect();
-        let whole = whole_tets(body, rooted.iter().map(|(.., root)| root.tet));
-        let is_whole = |(_, place, root): &(u32, DVec3, Root)| whole.contains(&root.tet) && is_at(body, root, *place);
+        let whole = self.roots.whole_tets(body);
+        let is_there = |tet: [u32; 4]| self.roots.tets.number(tet).is_some_and(|number| whole[number]);
+        let is_whole = |(_, place, root): &(u32, DVec3, Root)| is_there(root.tet) && is_at(body, root, *place);
         let is_as_it_was: Vec<bool> = rooted.iter().map(is_whole).collect();
         let others = rooted.iter().zip(&is_as_it_was).filter(|(_, is_as_it_was)| !**is_as_it_was);
         let others: Vec<DVec3> = others.map(|((_, place, _), _)| *place).collect();
         let near = self.near(body, &others);
         let held = |((node, place, root), is_as_it_was): ((u32, DVec3, Root), bool)| {
-            let now = if is_as_it_was { Some((root.tet, root.weights)) } else { host_now(body, &near, root.host, place) };
+            let now = if is_as_it_was { Some((root.tet, root.weights)) } else { host_now(&near, root.host, place) };
             now.map(|(tet, weights)| Attachment { node, tet, weights, stiffness_n_m: ATTACHMENT_N_M })
         };
         rooted.into_iter().zip(is_as_it_was).filter_map(held).collect()
     }
 
-    /// The tets whose boxes touch that around some places at rest, and the object of the scene that each is of: one look at all of them, and not one for
-    /// each place.
-    fn near(&self, body: &Body, places: &[DVec3]) -> Vec<([u32; 4], u32)> {
+    /// The tets whose boxes touch that around some places at rest: one look at all of them, and not one for each place.
+    fn near(&self, body: &Body, places: &[DVec3]) -> Vec<Near> {
         if places.is_empty() {
             return Vec::new();
         }
         let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
         let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
         let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());
-        let touches = |tet: &[u32; 4]| {
-            let [a, b, c, d] = tet.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
-            a.min(b).min(c.min(d)).cmple(high).all() && a.max(b).max(c.max(d)).cmpge(low).all()
+        // Beyond which sides of that box each node is: a tet's box touches it if its corners are not all beyond the same one.
+        let beyond = |place_m: &[f32; 3]| {
+            let place = Vec3::from(*place_m);
+            place.cmplt(low).bitmask() | (place.cmpgt(high).bitmask() << 3)
         };
+        let beyond: Vec<u32> = body.rest.positions_m.iter().map(beyond).collect();
+        let touches = |tet: &[u32; 4]| tet.iter().fold(u32::MAX, |all, node| all & beyond[*node as usize]) == 0;
         let near = body.rest.tets.iter().zip(&body.rest.regions).filter(|&(tet, _)| touches(tet));
-        near.map(|(tet, region)| (*tet, self.origin(body, *region) as u32)).collect()
+        near.map(|(tet, region)| Near::of(body, *tet, self.origin(body, *region) as u32)).collect()
     }
 }
 
-/// The tet of a host, or of what has come off it, in which a place at rest is, and its weights there. `near`: tets near the place, and of what they are.
-fn host_now(body: &Body, near: &[([u32; 4], u32)], host: u32, place: DVec3) -> Option<([u32; 4], [f32; 4])> {
-    let of_host = near.iter().filter(|(_, of)| *of == host);
-    let around = of_host.filter_map(|(tet, _)| Some((*tet, weights_in(body, *tet, place)?)));
+/// A tet that may be around places, with what each of them asks of it.
+struct Near {
+    tet: [u32; 4],
+    /// The object of the scene that it is of, or has come off.
+    of: u32,
+    /// Where its corners are at rest.
+    corners: [DVec3; 4],
+    /// Box around these and what rounding makes of them, lowest and highest corner.
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Near {
+    fn of(body: &Body, tet: [u32; 4], of: u32) -> Near {
+        let corners @ [a, b, c, d] = corners(body, tet);
+        let near = DVec3::splat(AWAY_M);
+        Near { tet, of, corners, low: a.min(b).min(c.min(d)) - near, high: a.max(b).max(c.max(d)) + near }
+    }
+
+    /// The weights of its corners at a place at rest that is in it.
+    fn weights(&self, place: DVec3) -> Option<[f64; 4]> {
+        if !(place.cmpge(self.low).all() && place.cmple(self.high).all()) {
+            return None;
+        }
+        let [a, b, c, d] = self.corners;
+        let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (place - a);
+        let weights = [1.0 - others.element_sum(), others.x, others.y, others.z];
+        weights.iter().all(|weight| *weight >= -OUTSIDE).then_some(weights)
+    }
+}
+
+/// The tet of a host, or of what has come off it, in which a place at rest is, and its weights there. `near`: tets near the place.
+fn host_now(near: &[Near], host: u32, place: DVec3) -> Option<([u32; 4], [f32; 4])> {
+    let of_host = near.iter().filter(|near| near.of == host);
+    let around = of_host.filter_map(|near| Some((near.tet, near.weights(place)?)));
     let least = |weights: &[f64; 4]| weights.iter().copied().fold(f64::INFINITY, f64::min);
     let (tet, weights) = around.max_by(|one, other| least(&one.1).total_cmp(&least(&other.1)))?;
     let inside = weights.map(|weight| weight.max(0.0));
@@ -153,37 +218,10 @@ fn corners(body: &Body, tet: [u32; 4]) -> [DVec3; 4] {
     tet.map(|node| to_double(body.rest.positions_m[node as usize]))
 }
 
-/// Those of some tets that are in a body, with the same nodes in the same order.
-fn whole_tets(body: &Body, tets: impl Iterator<Item = [u32; 4]>) -> BTreeSet<[u32; 4]> {
-    let wanted: BTreeSet<[u32; 4]> = tets.collect();
-    let mut is_corner = vec![false; body.rest.positions_m.len()];
-    wanted.iter().flatten().for_each(|node| {
-        if let Some(is_corner) = is_corner.get_mut(*node as usize) {
-            *is_corner = true;
-        }
-    });
-    // A look at flags is far cheaper than one into the set, and few tets have four of these nodes.
-    let may_be = |tet: &&[u32; 4]| tet.iter().all(|node| is_corner[*node as usize]);
-    body.rest.tets.iter().filter(may_be).filter(|tet| wanted.contains(*tet)).copied().collect()
-}
-
 /// Whether a root's tet holds at a place, where its corners are at rest now.
 fn is_at(body: &Body, root: &Root, place: DVec3) -> bool {
     let parts = corners(body, root.tet).into_iter().zip(root.weights).map(|(corner, weight)| corner * f64::from(weight));
     parts.sum::<DVec3>().distance(place) <= AWAY_M
-}
-
-/// The weights of a tet's corners at a place at rest that is in it.
-fn weights_in(body: &Body, tet: [u32; 4], place: DVec3) -> Option<[f64; 4]> {
-    let [a, b, c, d] = corners(body, tet);
-    let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
-    let near = DVec3::splat(AWAY_M);
-    if !(place.cmpge(low - near).all() && place.cmple(high + near).all()) {
-        return None;
-    }
-    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (place - a);
-    let weights = [1.0 - others.element_sum(), others.x, others.y, others.z];
-    weights.iter().all(|weight| *weight >= -OUTSIDE).then_some(weights)
 }
 
 #[cfg(test)]
@@ -245,6 +283,31 @@ mod tests {
         assert!(stay < before && after.len() > stay, "{stay} of {before} stay as they were: the cut missed the root");
     }
 
+    /// The definition: each node is compared with each root, each root's tet and each place that it no longer holds at with each tet of the body.
+    fn plain(case: &Case, body: &Body) -> Vec<Attachment> {
+        let (owner, rest, roots) = (body.owners(), &body.rest, &case.roots);
+        let origin = |object: u32| case.origin(body, object) as u32;
+        let near: Vec<Near> = rest.tets.iter().zip(&rest.regions).map(|(tet, of)| Near::of(body, *tet, origin(*of))).collect();
+        let held = |(node, place_m): (usize, &[f32; 3])| {
+            let [x, y, z] = bits(*place_m);
+            let known = [origin(owner[node]?), x, y, z];
+            let root = &roots.all[roots.places.known().iter().position(|place| *place == known)?];
+            let is_as_it_was = rest.tets.contains(&root.tet) && is_at(body, root, to_double(*place_m));
+            let now = if is_as_it_was { Some((root.tet, root.weights)) } else { host_now(&near, root.host, to_double(*place_m)) };
+            now.map(|(tet, weights)| Attachment { node: node as u32, tet, weights, stiffness_n_m: ATTACHMENT_N_M })
+        };
+        rest.positions_m.iter().enumerate().filter_map(held).collect()
+    }
+
+    #[test]
+    fn what_holds_a_body_is_what_comparing_every_node_with_every_root_finds() {
+        let world = world();
+        let (cut, burnt) = (cut_through_root(&world), burnt(&world, |tet| tet.contains(&world.attachments[0].tet[0])));
+        for body in [&world.body, &cut, &burnt] {
+            assert_eq!(world.case.attachments(body), plain(&world.case, body));
+        }
+    }
+
     /// The body without some tets of the host.
     fn burnt(world: &World, is_burnt: impl Fn(&[u32; 4]) -> bool) -> Body {
         let (tets, regions) = (&world.body.rest.tets, &world.body.rest.regions);
@@ -264,7 +327,7 @@ mod tests {
         let place = to_double(world.body.rest.positions_m[first.node as usize]);
         let is_held = |body: &Body| world.case.attachments(body).iter().any(|held| held.node == first.node);
         assert!(is_held(&world.body));
-        let around = burnt(&world, |tet| weights_in(&world.body, *tet, place).is_some());
+        let around = burnt(&world, |tet| Near::of(&world.body, *tet, 0).weights(place).is_some());
         assert!(!is_held(&around), "its host is burnt");
         assert!(!world.case.attachments(&around).is_empty(), "the others are held");
         // The numbers of its corners are those of a tet that is elsewhere now.

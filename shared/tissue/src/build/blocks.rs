@@ -21,12 +21,15 @@ pub(super) fn of_tets(mesh: &TetMesh, data: &[Lane]) -> (Corners, Vec<Block>, Ve
         true => Corners::Short(corners_of(orders, mesh, layout::short_number)),
         false => Corners::Long(corners_of(orders, mesh, |node| node)),
     };
-    // Written where they stay: they are some hundred KiB.
-    let (mut blocks, mut rest_blocks) = (vec![Block::ZERO; orders.len()], vec![RestBlock::ZERO; orders.len()]);
-    for (lanes, (block, rest_block)) in orders.iter().zip(blocks.iter_mut().zip(&mut rest_blocks)) {
+    // Each is filled before it is written to where it stays, once: they are some hundred KiB.
+    let (mut blocks, mut rest_blocks) = (Vec::with_capacity(orders.len()), Vec::with_capacity(orders.len()));
+    for lanes in orders {
+        let (mut block, mut rest_block) = (Block::ZERO, RestBlock::ZERO);
         for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
-            put(lane, &data[tet as usize], block, rest_block);
+            put(lane, &data[tet as usize], &mut block, &mut rest_block);
         }
+        blocks.push(block);
+        rest_blocks.push(rest_block);
     }
     (corners, blocks, rest_blocks)
 }

@@ -136,6 +136,8 @@ pub(super) struct Kept {
     pub lanes: Vec<Lane>,
     /// Of a mesh that it is brought up to: whether the node of each number is where that of `mesh` is.
     is_still: Vec<bool>,
+    /// How far nodes may stray, m, so that no force of the tets that are kept is too large: as far as they might in the last mesh.
+    is_borne_m: f64,
 }
 
 impl Kept {
@@ -150,6 +152,7 @@ impl Kept {
         self.mesh.positions_m.clone_from(&mesh.positions_m);
         self.mesh.tets.clone_from(&mesh.tets);
         regions.clone_into(&mut self.mesh.regions);
+        self.is_borne_m = reach_m;
         renewed
     }
 
@@ -160,7 +163,9 @@ impl Kept {
         // Where tets were burnt those behind them have moved up: by how many places the last one that was found has.
         let mut moved = 0;
         for tet in 0..mesh.tets.len() {
-            if let Some(now) = self.moved(mesh, regions, tet, moved) {
+            let kept = self.moved(mesh, regions, tet, moved);
+            let is_borne = kept.is_some() && reach_m <= self.is_borne_m;
+            if let Some(now) = kept {
                 moved = now;
                 if moved > 0 {
                     self.rest[tet] = self.rest[tet + moved];
@@ -177,9 +182,9 @@ impl Kept {
                     self.lanes.push(lane);
                 }
             }
-            let Rest { force_n_m, volume_m3, .. } = self.rest[tet];
-            if force_n_m * reach_m > FORCE_MAX_N {
-                return Err(ModelError::BadTet { tet, volume_m3 });
+            // Of most tets it is known.
+            if !is_borne && self.rest[tet].force_n_m * reach_m > FORCE_MAX_N {
+                return Err(ModelError::BadTet { tet, volume_m3: self.rest[tet].volume_m3 });
             }
         }
         self.rest.truncate(mesh.tets.len());
@@ -203,12 +208,12 @@ impl Kept {
     fn is_same(&self, mesh: &TetMesh, regions: &[u32], tet: usize, before: usize) -> bool {
         let Some(corners) = self.mesh.tets.get(before) else { return false };
         let bits = |mesh: &TetMesh, node: u32| mesh.positions_m[node as usize].map(f32::to_bits);
-        let is_still = |node: u32| self.is_still.get(node as usize).is_some_and(|is_still| *is_still);
-        let is_there = |(&now, &before): (&u32, &u32)| {
-            // Nearly all of them by two short looks.
-            (now == before && is_still(now)) || bits(mesh, now) == bits(&self.mesh, before)
-        };
-        self.mesh.regions.get(before) == regions.get(tet) && mesh.tets[tet].iter().zip(corners).all(is_there)
+        let is_still = |node: &u32| self.is_still.get(*node as usize).is_some_and(|is_still| *is_still);
+        let is_there = |(now, before): (&u32, &u32)| bits(mesh, *now) == bits(&self.mesh, *before);
+        let now = &mesh.tets[tet];
+        // Nearly all of them by the first look, which goes on without a branch for each corner.
+        let is_where_it_was = now == corners && now.iter().fold(true, |all, node| all & is_still(node));
+        self.mesh.regions.get(before) == regions.get(tet) && (is_where_it_was || now.iter().zip(corners).all(is_there))
     }
 
     /// Puts other tets in the places of these, and these in theirs.
@@ -288,6 +293,24 @@ mod tests {
             mesh.regions.push(0);
         };
         assert_eq!(kept_after(pair(), grown), [Some(0), Some(1), None]);
+    }
+
+    #[test]
+    fn a_tet_that_is_kept_is_refused_once_nodes_may_stray_too_far_and_taken_again_when_they_may_not() {
+        let materials = Materials::Same(Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap());
+        let (mut kept, mut mesh) = (Kept::default(), row(5));
+        let mut renew = |mesh: &TetMesh, reach_m: f64| kept.renew(mesh, &mesh.regions, &materials, reach_m);
+        for reach_m in [1.0, 2.0, 0.5, 2.0] {
+            assert_eq!(renew(&mesh, reach_m), Ok(()));
+        }
+        assert!(matches!(renew(&mesh, FORCE_MAX_N), Err(ModelError::BadTet { tet: 0, .. })));
+        assert_eq!(renew(&mesh, 0.5), Ok(()));
+        // Not too far for any of these (155 N/m each), and too far for one of them that is stretched (1 040 N/m).
+        let far_m = FORCE_MAX_N / 200.0;
+        assert_eq!(renew(&mesh, far_m), Ok(()));
+        mesh.positions_m[13][0] += 0.09;
+        assert!(matches!(renew(&mesh, far_m), Err(ModelError::BadTet { tet: 3, .. })));
+        assert_eq!(renew(&mesh, 1.0), Ok(()));
     }
 
     #[test]
