@@ -12,6 +12,7 @@
 //! is in the [`Cuttable`], which is plain data: whoever holds it continues.
 
 mod burn;
+mod cells;
 mod enclosed;
 mod fans;
 mod neighbourhood;

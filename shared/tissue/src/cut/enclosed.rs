@@ -3,7 +3,7 @@
 //! through faces that the sheet has passed, all of these are opened, whichever side their tets were taken to be on.
 
 use super::CutReport;
-use super::places::{at, corners};
+use super::places::{at, corners, sorted};
 use super::refine::Work;
 use super::separate::Face;
 use glam::DVec3;
@@ -127,10 +127,6 @@ impl Work<'_> {
     /// The faces of a tet.
     pub fn faces_of(&self, tet: u32) -> [Face; 4] {
         let nodes = self.tissue.rest.tets[tet as usize];
-        FACES.map(|places| {
-            let mut face = places.map(|place| nodes[place]);
-            face.sort_unstable();
-            face
-        })
+        FACES.map(|places| sorted(places.map(|place| nodes[place])))
     }
 }
