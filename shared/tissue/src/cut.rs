@@ -26,7 +26,7 @@ mod wire;
 
 use burn::burn;
 use hyst_mesh::{TetMesh, signed_volume};
-use places::{are_finite, corners};
+use places::{are_below, are_finite, corners};
 use refine::Work;
 use sheet::Sheet;
 
@@ -246,8 +246,11 @@ impl Cuttable {
         if let Some((what, found, expected)) = lists.into_iter().find(|(_, found, expected)| found != expected) {
             return Err(CutError::Length { what, found, expected });
         }
-        match self.rest.tets.as_flattened().iter().position(|node| *node as usize >= nodes) {
-            Some(place) => Err(CutError::NodeIndex { tet: place / 4, node: self.rest.tets[place / 4][place % 4], nodes }),
+        let names = self.rest.tets.as_flattened();
+        let is_wrong = |node: &u32| *node as usize >= nodes;
+        let wrong = if are_below(nodes, names) { None } else { names.iter().position(is_wrong) };
+        match wrong {
+            Some(place) => Err(CutError::NodeIndex { tet: place / 4, node: names[place], nodes }),
             None if self.skin.is_sound(self.rest.tets.len()) => Ok(()),
             None => Err(CutError::Skin { tets: self.rest.tets.len() }),
         }

@@ -57,7 +57,9 @@ impl Planes {
         let [x, y, z] = &self.normals;
         let depth_m = |face: usize| x[face] * point.x + y[face] * point.y + z[face] * point.z - self.offsets_m[face];
         let [a, b, c, d]: [f64; 4] = std::array::from_fn(depth_m);
-        a.min(b).min(c).min(d)
+        // One instruction each: all are numbers, for which `f64::min` would ask.
+        let least = |a: f64, b: f64| if a < b { a } else { b };
+        least(least(a, b), least(c, d))
     }
 }
 

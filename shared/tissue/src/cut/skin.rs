@@ -7,7 +7,7 @@
 
 use super::cells::Cells;
 use super::neighbourhood::Neighbourhood;
-use super::places::{Sides, SingleBounds, Spot, are_finite, at, barycentric, corners, to_single};
+use super::places::{Sides, SingleBounds, Spot, are_below, are_finite, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -45,10 +45,11 @@ impl Skin {
     /// Whether the lists fit each other and the tets.
     pub(super) fn is_sound(&self, tets: usize) -> bool {
         let vertices = self.rest_m.len();
+        let is_finite = |weights: &[f32; 4]| weights.iter().fold(true, |all, weight| all & weight.is_finite());
         self.bindings.len() == vertices
             && self.raw.len() == vertices
-            && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
-            && self.triangles.as_flattened().iter().max().is_none_or(|last| (*last as usize) < vertices)
+            && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && is_finite(&binding.weights))
+            && are_below(vertices, self.triangles.as_flattened())
             && are_finite(&self.rest_m)
     }
 

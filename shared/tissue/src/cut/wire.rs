@@ -120,10 +120,13 @@ impl Cuttable {
         let weights = |tet: u32| Some((tet, weights_in(corners(&self.position_m, self.rest.tets[tet as usize]), point)?));
         let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
         let nodes: &[u32] = if tet == NONE { used.get_or_init(|| self.used_nodes()) } else { &[] };
-        let distances = nodes.iter().map(|node| (*node, at(&self.position_m, *node).distance_squared(point)));
-        let nearest = distances.filter(|(_, distance)| distance.is_finite()).min_by(|left, right| left.1.total_cmp(&right.1));
-        let node = nearest.map_or(NONE, |(node, _)| node);
-        let offset = nearest.map_or(point, |(node, _)| point - at(&self.position_m, node));
+        // The first of the nearest, and none whose distance is infinite or no number.
+        let nearer = |(nearest, least): (u32, f64), node: &u32| {
+            let distance = at(&self.position_m, *node).distance_squared(point);
+            if distance < least { (*node, distance) } else { (nearest, least) }
+        };
+        let (node, _) = nodes.iter().fold((NONE, f64::INFINITY), nearer);
+        let offset = if node == NONE { point } else { point - at(&self.position_m, node) };
         Seat { tet, weights, node, offset_m: to_single(offset), way: to_single(way) }
     }
 }
