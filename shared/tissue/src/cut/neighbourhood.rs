@@ -266,7 +266,7 @@ fn joined(nodes: usize, tets: &[[u32; 4]]) -> Vec<[u32; 4]> {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use hyst_mesh::signed_volume;
     use proptest::prelude::*;
@@ -274,9 +274,11 @@ mod tests {
 
     /// Cubes of the lattice along each axis.
     const CUBES: u32 = 3;
+    /// Tets of all of them.
+    pub const TETS: usize = 6 * (CUBES * CUBES * CUBES) as usize;
 
     /// The tets that are there of those that lead, in the cubes of a lattice of 1 m, from the lowest corner to the highest one.
-    fn lattice(is_there: &[bool]) -> TetMesh {
+    pub fn lattice(is_there: &[bool]) -> TetMesh {
         let place = |node: u32| [node % (CUBES + 1), node / (CUBES + 1) % (CUBES + 1), node / (CUBES + 1).pow(2)];
         let positions_m = (0..(CUBES + 1).pow(3)).map(|node| place(node).map(|cubes| cubes as f32)).collect();
         let of_cube = |cube: u32| {
@@ -327,9 +329,9 @@ mod tests {
         /// In the cubes of a lattice, six tets each, of which some are left out.
         #[test]
         fn parts_are_what_all_ways_from_a_tet_lead_to_and_the_first_around_the_point_or_the_deepest_is_nearest(
-            is_there in prop::collection::vec(prop::bool::weighted(0.6), 6 * 27),
+            is_there in prop::collection::vec(prop::bool::weighted(0.6), TETS),
             points in prop::collection::vec(prop::array::uniform3(0..25_u8), 1..12),
-            homes in prop::collection::vec(prop::collection::vec(0..162_usize, 0..5), 12),
+            homes in prop::collection::vec(prop::collection::vec(0..TETS, 0..5), 12),
             more_m in 0.0..1.0_f64,
         ) {
             let rest = lattice(&is_there);

@@ -211,6 +211,7 @@ impl Work<'_> {
     fn rename(&mut self, tet: u32, from: u32, to: u32) {
         let nodes = &mut self.tissue.rest.tets[tet as usize];
         *nodes = nodes.map(|node| if node == from { to } else { node });
+        self.touched.push(tet);
     }
 
     /// Nodes around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
