@@ -15,6 +15,7 @@ const NONE: u32 = u32::MAX;
 pub struct Neighbourhood<'a> {
     pub rest: &'a TetMesh,
     pub tets: Vec<u32>,
+    regions: Vec<u32>,
     cells: Cells,
     bounds: Vec<SingleBounds>,
     /// Made when they are first asked for: of many tets nothing is.
@@ -67,12 +68,14 @@ impl<'a> Neighbourhood<'a> {
     pub fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
         let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
+        let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
         let planes = tets.iter().map(|_| OnceCell::new()).collect();
         let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
         let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
         Neighbourhood {
             rest,
             tets,
+            regions,
             cells,
             bounds,
             planes,
@@ -89,7 +92,7 @@ impl<'a> Neighbourhood<'a> {
     }
 
     pub fn region(&self, index: u32) -> u32 {
-        self.rest.regions[self.tets[index as usize] as usize]
+        self.regions[index as usize]
     }
 
     /// How far a point is inside of the face that it is least inside of, m.
