@@ -3,7 +3,7 @@
 //! through faces that the sheet has passed, all of these are opened, whichever side their tets were taken to be on.
 
 use super::CutReport;
-use super::places::{at, corners};
+use super::places::{at, corners, sorted};
 use super::refine::Work;
 use super::separate::Face;
 use glam::DVec3;
@@ -64,12 +64,16 @@ impl Work<'_> {
 
     /// The closed faces that lie in the sheet, sorted.
     fn walls(&self) -> Vec<Face> {
-        self.marked_faces().into_iter().map(|(face, _)| face).filter(|face| self.is_in_sheet(face)).collect()
+        // Each once, for all the faces at its node.
+        let mark = |node: u32| if self.is_marked(node) { self.mark(node) } else { DVec3::ZERO };
+        let marks: Vec<DVec3> = (0..self.star.nodes() as u32).map(mark).collect();
+        self.marked_faces().into_iter().map(|(face, _)| face).filter(|face| self.is_in_sheet(face, &marks)).collect()
     }
 
-    fn is_in_sheet(&self, face: &Face) -> bool {
+    /// `marks`: the normal of the sheet at each node.
+    fn is_in_sheet(&self, face: &Face, marks: &[DVec3]) -> bool {
         let normal = self.normal(face).normalize_or_zero();
-        face.iter().filter(|node| self.mark(**node).dot(normal).abs() >= IN_SHEET).count() >= 2
+        face.iter().filter(|node| marks[**node as usize].dot(normal).abs() >= IN_SHEET).count() >= 2
     }
 
     /// Twice the area of a face along its normal, at rest.
@@ -127,10 +131,6 @@ impl Work<'_> {
     /// The faces of a tet.
     pub fn faces_of(&self, tet: u32) -> [Face; 4] {
         let nodes = self.tissue.rest.tets[tet as usize];
-        FACES.map(|places| {
-            let mut face = places.map(|place| nodes[place]);
-            face.sort_unstable();
-            face
-        })
+        FACES.map(|places| sorted(places.map(|place| nodes[place])))
     }
 }

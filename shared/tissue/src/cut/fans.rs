@@ -13,16 +13,17 @@ pub enum Fan {
     Bad,
 }
 
-/// The other two nodes of each face at `node`, sorted, with the tet.
-pub fn faces_at(work: &Work, node: u32) -> Vec<([u32; 2], u32)> {
+/// The other two nodes of each face at `node`, sorted, with the tet's place in the star: those of the same face one after the other, in any order.
+pub fn faces_at(work: &Work, node: u32) -> Vec<([u32; 2], usize)> {
     let mut faces = Vec::with_capacity(3 * work.star.of(node).len());
-    for tet in work.star.of(node) {
+    for (place, tet) in work.star.of(node).iter().enumerate() {
         let nodes = work.tissue.rest.tets[*tet as usize];
         let mut others = nodes.iter().copied().filter(|other| *other != node);
         let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) else { continue };
-        faces.extend([[a, b], [b, c], [a, c]].map(|[a, b]| ([a.min(b), a.max(b)], *tet)));
+        faces.extend([[a, b], [b, c], [a, c]].map(|[a, b]| ([a.min(b), a.max(b)], place)));
     }
-    faces.sort_unstable();
+    // As one number each, which takes one comparison.
+    faces.sort_unstable_by_key(|([a, b], _)| u64::from(*a) << 32 | u64::from(*b));
     faces
 }
 

@@ -1,31 +1,39 @@
 //! The tets near a change: which of them a point lies in, or is least outside of, and which hang together.
 
-use super::places::{Bounds, corners};
+use super::cells::Cells;
+use super::places::{SingleBounds, Spot, corners, sorted};
 use glam::DVec3;
 use hyst_mesh::{FACES, TetMesh};
 use std::cell::OnceCell;
-use std::ops::Range;
 
 /// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
 const HAIR: f64 = 1e-4;
-/// A part around a point has rarely more tets.
-const USUAL_PART: usize = 32;
-/// Most cells of tets along each axis.
-const MOST_CELLS: usize = 16;
+/// No tet, no face.
+const NONE: u32 = u32::MAX;
 
 /// The tets near a change, with what joins them. Tets are named by their index in it.
 pub struct Neighbourhood<'a> {
     pub rest: &'a TetMesh,
     pub tets: Vec<u32>,
+    regions: Vec<u32>,
     cells: Cells,
-    bounds: Vec<Bounds>,
+    bounds: Vec<SingleBounds>,
     /// Made when they are first asked for: of many tets nothing is.
     planes: Vec<OnceCell<Planes>>,
-    joined: Vec<[Option<u32>; 4]>,
-    /// How many parts were found so far, by which each is known, and for each tet the last of them that it is in, and for which it was looked at.
+    /// The tet beyond each face, or none.
+    joined: Vec<[u32; 4]>,
+    /// How many parts were found so far, by which each is known, and how many of them around points before; for each tet the last of them that it is in,
+    /// and for which it was looked at.
     parts: u32,
+    parts_before: u32,
     is_in: Vec<u32>,
     looked_at: Vec<u32>,
+    /// How many points were asked about, and for each tet the last of them for which its part is looked for; 0 once that is found.
+    points: u32,
+    wanted: Vec<u32>,
+    /// The nearest tet of each part around the point that was asked about last, and the tets of one, with room for more.
+    nearest_of_part: Vec<u32>,
+    part: Vec<u32>,
 }
 
 /// The planes of the four faces of a tet, inwards: the coordinates of their normals, axis by axis, and their distances from the origin.
@@ -50,22 +58,41 @@ impl Planes {
         let [x, y, z] = &self.normals;
         let depth_m = |face: usize| x[face] * point.x + y[face] * point.y + z[face] * point.z - self.offsets_m[face];
         let [a, b, c, d]: [f64; 4] = std::array::from_fn(depth_m);
-        a.min(b).min(c).min(d)
+        // One instruction each: all are numbers, for which `f64::min` would ask.
+        let least = |a: f64, b: f64| if a < b { a } else { b };
+        least(least(a, b), least(c, d))
     }
 }
 
 impl<'a> Neighbourhood<'a> {
     pub fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
-        let bounds: Vec<Bounds> = nodes.iter().map(|nodes| Bounds::around(corners(&rest.positions_m, *nodes))).collect();
+        let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
+        let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
         let planes = tets.iter().map(|_| OnceCell::new()).collect();
         let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
-        let (is_in, looked_at) = (vec![0; tets.len()], vec![0; tets.len()]);
-        Neighbourhood { rest, tets, cells, bounds, planes, joined, parts: 0, is_in, looked_at }
+        let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
+        Neighbourhood {
+            rest,
+            tets,
+            regions,
+            cells,
+            bounds,
+            planes,
+            joined,
+            parts: 0,
+            parts_before: 0,
+            is_in,
+            looked_at,
+            points: 0,
+            wanted,
+            nearest_of_part: Vec::new(),
+            part: Vec::new(),
+        }
     }
 
     pub fn region(&self, index: u32) -> u32 {
-        self.rest.regions[self.tets[index as usize] as usize]
+        self.regions[index as usize]
     }
 
     /// How far a point is inside of the face that it is least inside of, m.
@@ -79,68 +106,123 @@ impl<'a> Neighbourhood<'a> {
 
     /// Whether a point that is so deep in a tet is around it beyond doubt.
     fn is_around(&self, index: u32, depth_m: f64) -> bool {
-        depth_m > HAIR * self.bounds[index as usize].extent_m()
+        // Most are less than 0 deep, and no box has an extent of less.
+        depth_m > 0.0 && depth_m > HAIR * self.bounds[index as usize].extent_m()
     }
 
     /// The tet of these that is around a point, or the one near it that it is least outside of.
     pub fn home(&self, point: DVec3, is_of_these: impl Fn(u32) -> bool) -> Option<u32> {
         // Most points are in one, which has the point in its box, too.
+        let spot = Spot::of(point);
         let is_around = |index: &u32| {
-            let has = self.bounds[*index as usize].has(point) && is_of_these(*index);
+            let has = self.bounds[*index as usize].has(&spot) && is_of_these(*index);
             has && self.is_around(*index, self.depth_m(*index, point))
         };
         let these = |index: &u32| is_of_these(*index);
-        let with_depth = |index: u32| (index, self.depth_m(index, point));
-        let around = self.cells.at(point).find(is_around);
-        let near = around.or_else(|| self.nearest(self.cells.at(point).filter(these).map(with_depth)));
-        near.or_else(|| self.nearest((0..self.tets.len() as u32).filter(these).map(with_depth)))
+        let here = self.cells.at(point).iter().copied();
+        let near = here.clone().find(is_around).or_else(|| self.nearest(point, here.filter(these)));
+        near.or_else(|| self.nearest(point, (0..self.tets.len() as u32).filter(these)))
     }
 
-    /// The first tet that is around a point, or the one that it is least outside of; the first of equals. Each comes with how deep the point is in it, m.
-    pub fn nearest(&self, among: impl Iterator<Item = (u32, f64)>) -> Option<u32> {
-        let mut best: Option<(f64, u32)> = None;
-        for (index, depth_m) in among {
-            if self.is_around(index, depth_m) {
-                return Some(index);
-            }
-            if best.is_none_or(|(deepest_m, _)| depth_m > deepest_m) {
-                best = Some((depth_m, index));
+    /// The first tet that is around a point, or the one that it is least outside of; the first of equals.
+    fn nearest(&self, point: DVec3, among: impl Iterator<Item = u32>) -> Option<u32> {
+        let mut best = Nearest::default();
+        for index in among {
+            best.look_at(self, index, self.depth_m(index, point));
+            if best.is_around {
+                break;
             }
         }
-        best.map(|(_, index)| index)
+        best.index
     }
 
-    /// The parts that some tets fall into when only ways through faces, and through tets near a point, count; with how deep the point is in each tet, m.
-    pub fn parts_around(&mut self, point: DVec3, radius_m: f64, homes: impl Iterator<Item = u32>) -> Vec<Vec<(u32, f64)>> {
-        let before = self.parts;
-        let mut parts: Vec<Vec<(u32, f64)>> = Vec::new();
+    /// Finds the parts that some tets fall into when only ways through faces, and through tets near a point, count; of these the point is nowhere more than
+    /// `radius_m` outside. Tells how many there are.
+    pub fn parts_around(&mut self, point: DVec3, radius_m: f64, homes: impl Iterator<Item = u32> + Clone) -> usize {
+        self.parts_before = self.parts;
+        self.points += 1;
+        self.nearest_of_part.clear();
+        // How many of them no part has yet.
+        let mut left = 0;
+        for home in homes.clone() {
+            left += u32::from(self.wanted[home as usize] != self.points);
+            self.wanted[home as usize] = self.points;
+        }
         for home in homes {
-            if self.is_in[home as usize] > before {
-                continue;
+            if self.is_in[home as usize] <= self.parts_before {
+                let nearest = self.flood(point, radius_m, home, &mut left);
+                self.nearest_of_part.push(nearest);
             }
-            self.parts += 1;
-            self.is_in[home as usize] = self.parts;
-            self.looked_at[home as usize] = self.parts;
-            let mut part = Vec::with_capacity(USUAL_PART);
-            part.push((home, self.depth_m(home, point)));
-            let mut next = 0;
-            while let Some((index, _)) = part.get(next).copied() {
-                next += 1;
-                for other in self.joined[index as usize].into_iter().flatten() {
-                    if self.looked_at[other as usize] == self.parts {
-                        continue;
-                    }
-                    self.looked_at[other as usize] = self.parts;
-                    let depth_m = self.depth_m(other, point);
-                    if depth_m >= -radius_m {
-                        self.is_in[other as usize] = self.parts;
-                        part.push((other, depth_m));
-                    }
+        }
+        self.nearest_of_part.len()
+    }
+
+    /// Of a part around the point that was asked about last the first tet that is around it, or the one that it is least outside of.
+    pub fn nearest_of(&self, part: usize) -> u32 {
+        self.nearest_of_part[part]
+    }
+
+    /// The part, around the point that was asked about last, that one of the tets is in that were given with it.
+    pub fn part_of(&self, home: u32) -> usize {
+        (self.is_in[home as usize] - self.parts_before - 1) as usize
+    }
+
+    /// The nearest tet of the part that has this one. Goes no further once a tet is found that is around the point, and none is wanted any more: what
+    /// comes after changes nothing. `left`: how many are.
+    fn flood(&mut self, point: DVec3, radius_m: f64, home: u32, left: &mut u32) -> u32 {
+        self.parts += 1;
+        self.looked_at[home as usize] = self.parts;
+        let mut best = Nearest::default();
+        let mut part = std::mem::take(&mut self.part);
+        part.clear();
+        self.take_in(home, self.depth_m(home, point), &mut best, &mut part, left);
+        let mut next = 0;
+        while let Some(index) = part.get(next).copied().filter(|_| *left > 0 || !best.is_around) {
+            next += 1;
+            for other in self.joined[index as usize] {
+                if other == NONE || self.looked_at[other as usize] == self.parts {
+                    continue;
+                }
+                self.looked_at[other as usize] = self.parts;
+                let depth_m = self.depth_m(other, point);
+                if depth_m >= -radius_m {
+                    self.take_in(other, depth_m, &mut best, &mut part, left);
                 }
             }
-            parts.push(part);
         }
-        parts
+        self.part = part;
+        best.index.unwrap_or(home)
+    }
+
+    /// Takes a tet into the last part.
+    fn take_in(&mut self, index: u32, depth_m: f64, best: &mut Nearest, part: &mut Vec<u32>, left: &mut u32) {
+        self.is_in[index as usize] = self.parts;
+        if std::mem::take(&mut self.wanted[index as usize]) == self.points {
+            *left -= 1;
+        }
+        best.look_at(self, index, depth_m);
+        part.push(index);
+    }
+}
+
+/// The nearest tet to a point of those that were looked at so far.
+#[derive(Default)]
+struct Nearest {
+    index: Option<u32>,
+    depth_m: f64,
+    /// Whether it is around the point: then what comes after it changes nothing.
+    is_around: bool,
+}
+
+impl Nearest {
+    fn look_at(&mut self, place: &Neighbourhood<'_>, index: u32, depth_m: f64) {
+        if self.is_around {
+            return;
+        }
+        self.is_around = place.is_around(index, depth_m);
+        if self.is_around || self.index.is_none() || depth_m > self.depth_m {
+            (self.index, self.depth_m) = (Some(index), depth_m);
+        }
     }
 }
 
@@ -148,115 +230,72 @@ impl<'a> Neighbourhood<'a> {
 struct Met {
     others: [u32; 2],
     /// How many tets have it.
-    tets: usize,
+    tets: u32,
     /// The first and the last place where it was met (4 × tet + face).
-    first: usize,
-    last: usize,
-    /// The face of the same lowest node that was met before it.
-    before: Option<u32>,
+    first: u32,
+    last: u32,
+    /// The face of the same lowest node that was met before it, or none.
+    before: u32,
 }
 
 /// For each tet the others that have a face with it alone. `nodes`: how many there are.
-fn joined(nodes: usize, tets: &[[u32; 4]]) -> Vec<[Option<u32>; 4]> {
+fn joined(nodes: usize, tets: &[[u32; 4]]) -> Vec<[u32; 4]> {
     // Few faces have the same lowest node, so that each is found among them faster than all are sorted.
-    let mut last_at: Vec<Option<u32>> = vec![None; nodes];
+    let mut last_at: Vec<u32> = vec![NONE; nodes];
     let mut faces: Vec<Met> = Vec::with_capacity(3 * tets.len());
-    for (index, nodes) in tets.iter().enumerate() {
-        for (face, places) in FACES.iter().enumerate() {
-            let mut key = places.map(|place| nodes[place]);
-            key.sort_unstable();
-            let ([lowest, b, c], place) = (key, 4 * index + face);
+    for (index, nodes) in (0..).zip(tets) {
+        for (face, places) in (0..).zip(FACES) {
+            let [lowest, b, c] = sorted(places.map(|place| nodes[place]));
+            let place: u32 = 4 * index + face;
             let mut met = last_at[lowest as usize];
-            while let Some(other) = met.filter(|other| faces[*other as usize].others != [b, c]) {
-                met = faces[other as usize].before;
+            while met != NONE && faces[met as usize].others != [b, c] {
+                met = faces[met as usize].before;
             }
-            if let Some(same) = met {
-                let same = &mut faces[same as usize];
+            if met != NONE {
+                let same = &mut faces[met as usize];
                 (same.tets, same.last) = (same.tets + 1, place);
                 continue;
             }
-            let before = last_at[lowest as usize].replace(faces.len() as u32);
+            let before = std::mem::replace(&mut last_at[lowest as usize], faces.len() as u32);
             faces.push(Met { others: [b, c], tets: 1, first: place, last: place, before });
         }
     }
-    let mut joined = vec![[None; 4]; tets.len()];
+    let mut joined = vec![[NONE; 4]; tets.len()];
     for Met { first, last, .. } in faces.into_iter().filter(|face| face.tets == 2) {
-        joined[first / 4][first % 4] = Some(last as u32 / 4);
-        joined[last / 4][last % 4] = Some(first as u32 / 4);
+        joined[first as usize / 4][first as usize % 4] = last / 4;
+        joined[last as usize / 4][last as usize % 4] = first / 4;
     }
     joined
 }
 
-/// The tets of each cell of space, in their order.
-pub struct Cells {
-    low_m: DVec3,
-    per_m: f64,
-    counts: [usize; 3],
-    starts: Vec<u32>,
-    tets: Vec<u32>,
-}
-
-impl Cells {
-    /// Of tets by the boxes around them; a cell is as large as they are in the mean.
-    pub fn new(bounds: &[Bounds]) -> Cells {
-        let Some(all) = bounds.iter().copied().reduce(Bounds::with) else {
-            return Cells { low_m: DVec3::ZERO, per_m: 0.0, counts: [1; 3], starts: vec![0; 2], tets: Vec::new() };
-        };
-        let mean_m = bounds.iter().map(Bounds::extent_m).sum::<f64>() / bounds.len() as f64;
-        let per_m = 1.0 / mean_m.max(all.extent_m() / MOST_CELLS as f64).max(f64::MIN_POSITIVE);
-        let (low_m, high_m) = all.ends_m();
-        let counts = ((high_m - low_m) * per_m).to_array().map(|cells| (cells as usize + 1).min(MOST_CELLS));
-        let mut cells = Cells { low_m, per_m, counts, starts: Vec::new(), tets: Vec::new() };
-        let mut starts = vec![0u32; counts.iter().product::<usize>() + 1];
-        for row in bounds.iter().flat_map(|around| cells.of_box(around)) {
-            starts[row.start + 1..=row.end].iter_mut().for_each(|count| *count += 1);
-        }
-        (1..starts.len()).for_each(|cell| starts[cell] += starts[cell - 1]);
-        let mut ends = starts.clone();
-        cells.tets = vec![0; starts.last().map_or(0, |all| *all as usize)];
-        for (index, around) in (0..).zip(bounds) {
-            for row in cells.of_box(around) {
-                for end in &mut ends[row] {
-                    cells.tets[*end as usize] = index;
-                    *end += 1;
-                }
-            }
-        }
-        cells.starts = starts;
-        cells
-    }
-
-    /// The cell of a place along each axis.
-    fn cell(&self, place_m: DVec3) -> [usize; 3] {
-        let cell = ((place_m - self.low_m) * self.per_m).to_array();
-        std::array::from_fn(|axis| (cell[axis].max(0.0) as usize).min(self.counts[axis] - 1))
-    }
-
-    /// The cells that a box reaches into, row by row.
-    fn of_box(&self, around: &Bounds) -> impl Iterator<Item = Range<usize>> + use<> {
-        let (low_m, high_m) = around.ends_m();
-        let ([i, j, k], [to_i, to_j, to_k], [across, deep, _]) = (self.cell(low_m), self.cell(high_m), self.counts);
-        let row = move |j: usize, k: usize| {
-            let first = (k * deep + j) * across;
-            first + i..first + to_i + 1
-        };
-        (k..to_k + 1).flat_map(move |k| (j..to_j + 1).map(move |j| row(j, k)))
-    }
-
-    /// The tets whose boxes may have a point in them; all that have are among them.
-    pub fn at(&self, point: DVec3) -> impl Iterator<Item = u32> + '_ {
-        let ([i, j, k], [across, deep, _]) = (self.cell(point), self.counts);
-        let cell = (k * deep + j) * across + i;
-        self.tets[self.starts[cell] as usize..self.starts[cell + 1] as usize].iter().copied()
-    }
-}
-
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use hyst_mesh::signed_volume;
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
+
+    /// Cubes of the lattice along each axis.
+    const CUBES: u32 = 3;
+    /// Tets of all of them.
+    pub const TETS: usize = 6 * (CUBES * CUBES * CUBES) as usize;
+
+    /// The tets that are there of those that lead, in the cubes of a lattice of 1 m, from the lowest corner to the highest one.
+    pub fn lattice(is_there: &[bool]) -> TetMesh {
+        let place = |node: u32| [node % (CUBES + 1), node / (CUBES + 1) % (CUBES + 1), node / (CUBES + 1).pow(2)];
+        let positions_m = (0..(CUBES + 1).pow(3)).map(|node| place(node).map(|cubes| cubes as f32)).collect();
+        let of_cube = |cube: u32| {
+            let low = cube % CUBES + (CUBES + 1) * (cube / CUBES % CUBES + (CUBES + 1) * (cube / CUBES.pow(2)));
+            let [x, y, z] = [1, CUBES + 1, (CUBES + 1).pow(2)];
+            let top = low + x + y + z;
+            // The turns of the axes, and those with two of them swapped, in which the corners change places, too.
+            let turns = [[x, y, z], [y, z, x], [z, x, y]];
+            turns.into_iter().flat_map(move |[a, b, c]| [[low, low + a, low + a + b, top], [low, low + a + c, low + a, top]])
+        };
+        let all = (0..CUBES.pow(3)).flat_map(of_cube);
+        let tets: Vec<[u32; 4]> = all.zip(is_there).filter(|(_, is_there)| **is_there).map(|(tet, _)| tet).collect();
+        TetMesh { positions_m, regions: vec![0; tets.len()], tets }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 500, rng_seed: RngSeed::Fixed(3), failure_persistence: None, ..ProptestConfig::default() })]
@@ -284,8 +323,52 @@ mod tests {
                 for (face, places) in FACES.iter().enumerate() {
                     let has_face = |other: &usize| places.iter().all(|place| tets[*other].contains(&nodes[*place]));
                     let others: Vec<usize> = (0..tets.len()).filter(|other| *other != index && has_face(other)).collect();
-                    let expected = if let [other] = others[..] { Some(other as u32) } else { None };
+                    let expected = if let [other] = others[..] { other as u32 } else { NONE };
                     prop_assert_eq!(near.joined[index][face], expected);
+                }
+            }
+        }
+
+        /// In the cubes of a lattice, six tets each, of which some are left out.
+        #[test]
+        fn parts_are_what_all_ways_from_a_tet_lead_to_and_the_first_around_the_point_or_the_deepest_is_nearest(
+            is_there in prop::collection::vec(prop::bool::weighted(0.6), TETS),
+            points in prop::collection::vec(prop::array::uniform3(0..25_u8), 1..12),
+            homes in prop::collection::vec(prop::collection::vec(0..TETS, 0..5), 12),
+            more_m in 0.0..1.0_f64,
+        ) {
+            let rest = lattice(&is_there);
+            let mut near = Neighbourhood::new(&rest, (0..rest.tets.len() as u32).collect());
+            for (point, homes) in points.into_iter().zip(homes) {
+                let point = DVec3::from_array(point.map(|eighths| f64::from(eighths) / 8.0));
+                let homes = homes.iter().filter(|_| !rest.tets.is_empty()).map(|home| (home % rest.tets.len()) as u32);
+                let homes: Vec<u32> = homes.collect();
+                let radius_m = more_m + homes.iter().map(|home| -near.depth_m(*home, point)).fold(0.0, f64::max);
+                let mut expected: Vec<Vec<u32>> = Vec::new();
+                for home in &homes {
+                    if expected.iter().any(|part| part.contains(home)) {
+                        continue;
+                    }
+                    let mut part = vec![*home];
+                    let mut next = 0;
+                    while let Some(index) = part.get(next).copied() {
+                        next += 1;
+                        for other in near.joined[index as usize] {
+                            if other != NONE && !part.contains(&other) && near.depth_m(other, point) >= -radius_m {
+                                part.push(other);
+                            }
+                        }
+                    }
+                    expected.push(part);
+                }
+                prop_assert_eq!(near.parts_around(point, radius_m, homes.iter().copied()), expected.len());
+                for (number, part) in expected.iter().enumerate() {
+                    let around = part.iter().copied().find(|index| near.is_around(*index, near.depth_m(*index, point)));
+                    let depth_m = |index: u32| near.depth_m(index, point);
+                    let deeper = |best: u32, other: u32| if depth_m(other) > depth_m(best) { other } else { best };
+                    let nearest = around.or_else(|| part.iter().copied().reduce(deeper));
+                    prop_assert_eq!(Some(near.nearest_of(number)), nearest);
+                    prop_assert!(homes.iter().all(|home| (near.part_of(*home) == number) == part.contains(home)));
                 }
             }
         }

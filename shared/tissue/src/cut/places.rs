@@ -1,6 +1,6 @@
-//! Points and boxes in double precision, as the parts of a cut compute with them.
+//! Points and boxes, as the parts of a cut compute with them: in double precision, or in the single one of a mesh where that tells the same.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3A};
 
 /// The box around some points; around none, one that touches nothing.
 #[derive(Debug, Clone, Copy)]
@@ -17,50 +17,94 @@ impl Bounds {
         points_m.into_iter().fold(none, with)
     }
 
+    /// Whether they have a point in common.
+    pub fn touches(&self, other: &Bounds) -> bool {
+        self.low_m.cmple(other.high_m).all() && self.high_m.cmpge(other.low_m).all()
+    }
+
+    /// The one in single precision that has the same points of a mesh in it.
+    pub fn single(&self) -> SingleBounds {
+        SingleBounds { low_m: Spot::of(self.low_m).above_m, high_m: Spot::of(self.high_m).below_m }
+    }
+}
+
+/// A point between those of single precision: on each axis the next of them that is not above it, and the next that is not below it.
+#[derive(Debug, Clone, Copy)]
+pub struct Spot {
+    below_m: Vec3A,
+    above_m: Vec3A,
+}
+
+impl Spot {
+    /// That of a point.
+    pub fn of(point_m: DVec3) -> Spot {
+        let coordinates = point_m.to_array().map(|exact| (exact, exact as f32));
+        let below = coordinates.map(|(exact, near)| if f64::from(near) > exact { near.next_down() } else { near });
+        let above = coordinates.map(|(exact, near)| if f64::from(near) < exact { near.next_up() } else { near });
+        Spot { below_m: Vec3A::from_array(below), above_m: Vec3A::from_array(above) }
+    }
+
+    /// That of a point of single precision, which is its own neighbour.
+    pub fn at(point_m: &[f32; 3]) -> Spot {
+        let point_m = Vec3A::from_array(*point_m);
+        Spot { below_m: point_m, above_m: point_m }
+    }
+}
+
+/// The box around some points of a mesh, whose single precision it needs no more than: one comparison for all axes. Around none, one that has nothing in it.
+#[derive(Debug, Clone, Copy)]
+pub struct SingleBounds {
+    low_m: Vec3A,
+    high_m: Vec3A,
+}
+
+impl SingleBounds {
+    /// That around points.
+    pub fn around(points_m: impl IntoIterator<Item = [f32; 3]>) -> SingleBounds {
+        let none = SingleBounds { low_m: Vec3A::INFINITY, high_m: Vec3A::NEG_INFINITY };
+        let with = |around: SingleBounds, point: [f32; 3]| {
+            let point = Vec3A::from_array(point);
+            SingleBounds { low_m: around.low_m.min(point), high_m: around.high_m.max(point) }
+        };
+        points_m.into_iter().fold(none, with)
+    }
+
+    /// That around a tet.
+    pub fn of_tet(positions_m: &[[f32; 3]], tet: [u32; 4]) -> SingleBounds {
+        SingleBounds::around(tet.map(|node| positions_m[node as usize]))
+    }
+
     /// The one around both.
-    pub fn with(self, other: Bounds) -> Bounds {
-        Bounds { low_m: self.low_m.min(other.low_m), high_m: self.high_m.max(other.high_m) }
+    pub fn with(self, other: SingleBounds) -> SingleBounds {
+        SingleBounds { low_m: self.low_m.min(other.low_m), high_m: self.high_m.max(other.high_m) }
     }
 
     /// The longest side, m.
     pub fn extent_m(&self) -> f64 {
-        (self.high_m - self.low_m).max_element()
+        let (low_m, high_m) = self.ends_m();
+        (high_m - low_m).max_element()
     }
 
     /// The lowest and the highest corner, m.
     pub fn ends_m(&self) -> (DVec3, DVec3) {
-        (self.low_m, self.high_m)
+        (self.low_m.as_dvec3(), self.high_m.as_dvec3())
     }
 
     /// The faces of the box on whose inner sides a point is.
     pub fn sides(&self, point_m: &[f32; 3]) -> Sides {
-        let (low_m, high_m) = (self.low_m.to_array(), self.high_m.to_array());
-        let of_axis = |axis: usize| {
-            let place_m = f64::from(point_m[axis]);
-            u8::from(place_m >= low_m[axis]) | u8::from(place_m <= high_m[axis]) << 1
-        };
-        Sides(of_axis(0) | of_axis(1) << 2 | of_axis(2) << 4)
-    }
-
-    /// The same of each point.
-    pub fn sides_of(&self, positions_m: &[[f32; 3]]) -> Vec<Sides> {
-        positions_m.iter().map(|point_m| self.sides(point_m)).collect()
+        let point_m = Vec3A::from_array(*point_m);
+        Sides((point_m.cmpge(self.low_m).bitmask() | point_m.cmple(self.high_m).bitmask() << 3) as u8)
     }
 
     /// The tets whose own boxes have a point in common with it, in their order.
     pub fn tets_in(&self, positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
-        let sides = self.sides_of(positions_m);
+        let sides: Vec<Sides> = positions_m.iter().map(|point_m| self.sides(point_m)).collect();
         (0..).zip(tets).filter(|(_, tet)| Sides::touch(tet.map(|node| sides[node as usize]))).map(|(tet, _)| tet).collect()
     }
 
     /// Whether a point is in it.
-    pub fn has(&self, point_m: DVec3) -> bool {
-        self.low_m.cmple(point_m).all() && self.high_m.cmpge(point_m).all()
-    }
-
-    /// Whether they have a point in common.
-    pub fn touches(&self, other: &Bounds) -> bool {
-        self.low_m.cmple(other.high_m).all() && self.high_m.cmpge(other.low_m).all()
+    pub fn has(&self, spot: &Spot) -> bool {
+        (self.low_m.cmple(spot.below_m) & self.high_m.cmpge(spot.above_m)).all()
     }
 }
 
@@ -81,6 +125,17 @@ impl Sides {
 /// Whether all coordinates are numbers; looks at all of them, which takes less time than to stop at the first that is none.
 pub fn are_finite(points_m: &[[f32; 3]]) -> bool {
     points_m.as_flattened().iter().fold(true, |all, coordinate| all & coordinate.is_finite())
+}
+
+/// Whether all names are below a number; looks at all of them, as [`are_finite`] does.
+pub fn are_below(number: usize, names: &[u32]) -> bool {
+    names.is_empty() || (names.iter().fold(0, |last: u32, name| last.max(*name)) as usize) < number
+}
+
+/// Three nodes, the lowest first.
+pub fn sorted([a, b, c]: [u32; 3]) -> [u32; 3] {
+    let (low, high) = (a.min(b), a.max(b));
+    [low.min(c), low.max(high.min(c)), high.max(c)]
 }
 
 /// A point in double precision.
@@ -126,19 +181,61 @@ mod tests {
             let tets: Vec<[u32; 4]> = tets.iter().map(|tet| tet.map(|node| node % positions_m.len() as u32)).collect();
             let touches = |tet: &u32| {
                 let corners = tets[*tet as usize].map(|node| positions_m[node as usize]);
-                let (low_m, high_m) = around.ends_m();
+                let Bounds { low_m, high_m } = around;
                 (0..3).all(|axis| {
                     let of_axis = || corners.iter().map(|corner| f64::from(corner[axis]));
                     of_axis().fold(f64::NAN, f64::min) <= high_m[axis] && of_axis().fold(f64::NAN, f64::max) >= low_m[axis]
                 })
             };
             let expected: Vec<u32> = (0..tets.len() as u32).filter(touches).collect();
-            prop_assert_eq!(around.tets_in(&positions_m, &tets), expected);
+            let single = around.single();
+            prop_assert_eq!(single.tets_in(&positions_m, &tets), expected);
             for point in positions_m.iter().filter(|point| point.iter().all(|coordinate| coordinate.is_finite())) {
                 let here = Bounds::around([at(&[*point], 0)]);
-                prop_assert_eq!(around.has(at(&[*point], 0)), here.touches(&around));
-                prop_assert_eq!(Sides::touch([around.sides(point)]), here.touches(&around));
+                prop_assert_eq!(single.has(&Spot::at(point)), here.touches(&around));
+                prop_assert_eq!(Sides::touch([single.sides(point)]), here.touches(&around));
             }
+        }
+
+        /// Ends and points are those of single precision, and the next ones of double precision beside them; some are beyond all that single precision has.
+        #[test]
+        fn in_single_precision_a_box_has_in_it_what_it_has_in_double(
+            ends in prop::array::uniform2(prop::array::uniform3((0..6_usize, -1..2_i8))),
+            point in prop::array::uniform3((0..6_usize, -1..2_i8)),
+        ) {
+            const PLACES: [f64; 6] = [f64::MIN, -0.1_f32 as f64, 0.0, 0.1_f32 as f64, 0.3_f32 as f64, f64::MAX];
+            let beside = |(place, way): (usize, i8)| match way {
+                -1 => PLACES[place].next_down(),
+                0 => PLACES[place],
+                _ => PLACES[place].next_up(),
+            };
+            let [low_m, high_m] = ends.map(|end| DVec3::from_array(end.map(beside)));
+            let around = Bounds { low_m: low_m.min(high_m), high_m: low_m.max(high_m) };
+            let point_m = point.map(beside);
+            let is_between = |low_m: DVec3, high_m: DVec3, point_m: [f64; 3]| {
+                (0..3).all(|axis| (low_m[axis]..=high_m[axis]).contains(&point_m[axis]))
+            };
+            // A point of double precision in a box of a mesh, and one of a mesh in a box of double precision.
+            let ends_m = [around.low_m, around.high_m].map(to_single);
+            let of_mesh = SingleBounds::around(ends_m);
+            let (low_m, high_m) = of_mesh.ends_m();
+            prop_assert_eq!(of_mesh.has(&Spot::of(DVec3::from_array(point_m))), is_between(low_m, high_m, point_m));
+            let in_mesh = point_m.map(|coordinate| coordinate as f32);
+            let is_in = is_between(around.low_m, around.high_m, in_mesh.map(f64::from));
+            prop_assert_eq!(around.single().has(&Spot::at(&in_mesh)), is_in);
+            prop_assert_eq!(Sides::touch([around.single().sides(&in_mesh)]), is_in);
+        }
+
+        #[test]
+        fn names_are_below_a_number_when_each_is(names in prop::collection::vec(0..5_u32, 0..9), number in 0..6_usize) {
+            prop_assert_eq!(are_below(number, &names), names.iter().all(|name| (*name as usize) < number));
+        }
+
+        #[test]
+        fn three_nodes_are_sorted(nodes in prop::array::uniform3(0..4_u32)) {
+            let mut expected = nodes;
+            expected.sort_unstable();
+            prop_assert_eq!(sorted(nodes), expected);
         }
     }
 }

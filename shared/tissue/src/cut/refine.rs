@@ -24,6 +24,8 @@ pub struct Work<'a> {
     near: Vec<u32>,
     /// Tets with three nodes on the sheet at least, once it is opened: a copy of a node is on it as the node is, so that they stay these.
     pub on_sheet: Vec<u32>,
+    /// Tets that were given other nodes, or one of whose nodes has moved; some more than once, and some that are again what they were.
+    pub touched: Vec<u32>,
 }
 
 /// An edge that crosses the sheet: its ends, the lower node first.
@@ -35,7 +37,7 @@ impl<'a> Work<'a> {
         let nodes = tissue.rest.positions_m.len();
         let star = Stars::new(nodes, &tissue.rest.tets);
         let free = (0..nodes as u32).rev().filter(|node| star.of(*node).is_empty()).collect();
-        Work { tissue, options, star, free, near, on_sheet: Vec::new() }
+        Work { tissue, options, star, free, near, on_sheet: Vec::new(), touched: Vec::new() }
     }
 
     /// Tets that have both nodes.
@@ -130,6 +132,7 @@ impl<'a> Work<'a> {
             report.moved_nodes += 1;
             // It takes along tets that were clear of the sheet.
             self.near.extend(self.star.of(near));
+            self.touched.extend(self.star.of(near));
         }
         self.put_mark(near, normal);
     }
@@ -192,6 +195,7 @@ impl<'a> Work<'a> {
             self.tissue.rest.regions.push(self.tissue.rest.regions[*tet as usize]);
             self.tissue.material.extend(self.tissue.material.get(*tet as usize).copied());
             self.near.push(new);
+            self.touched.extend([*tet, new]);
             self.star.retain(edge[1], |other| other != *tet);
             second.iter().for_each(|node| self.star.push(*node, new));
             self.star.push(middle, *tet);

@@ -1,7 +1,7 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
 use super::Cuttable;
-use super::places::{Bounds, Sides};
+use super::places::{Bounds, Sides, SingleBounds};
 use super::wire::Motion;
 use glam::DVec3;
 
@@ -15,6 +15,8 @@ pub struct Sheet {
     /// Around each.
     bounds: Vec<Bounds>,
     around_all: Bounds,
+    /// The same for the points of a mesh.
+    around_nodes: SingleBounds,
 }
 
 /// Where an edge crosses the sheet.
@@ -41,12 +43,12 @@ impl Sheet {
         });
         let bounds = triangles_m.iter().map(|triangle| Bounds::around(*triangle)).collect();
         let around_all = Bounds::around(triangles_m.iter().flatten().copied());
-        Sheet { triangles_m, bounds, around_all }
+        Sheet { triangles_m, bounds, around_all, around_nodes: around_all.single() }
     }
 
     /// The faces of the box around the sheet on whose inner sides a point is. An edge whose ends do not touch it crosses nothing.
     pub fn sides(&self, point_m: &[f32; 3]) -> Sides {
-        self.around_all.sides(point_m)
+        self.around_nodes.sides(point_m)
     }
 
     /// The tets whose boxes touch the sheet's.
@@ -54,7 +56,7 @@ impl Sheet {
         if self.triangles_m.is_empty() {
             return Vec::new();
         }
-        self.around_all.tets_in(&tissue.position_m, &tissue.rest.tets)
+        self.around_nodes.tets_in(&tissue.position_m, &tissue.rest.tets)
     }
 
     /// Where the edge from `from` to `to` crosses the sheet first. Edges of the mesh that go through an edge between two triangles cross: the products

@@ -5,8 +5,9 @@
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
 
-use super::neighbourhood::{Cells, Neighbourhood};
-use super::places::{Bounds, Sides, are_finite, at, barycentric, corners, to_single};
+use super::cells::Cells;
+use super::neighbourhood::Neighbourhood;
+use super::places::{Sides, SingleBounds, Spot, are_below, are_finite, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -44,10 +45,11 @@ impl Skin {
     /// Whether the lists fit each other and the tets.
     pub(super) fn is_sound(&self, tets: usize) -> bool {
         let vertices = self.rest_m.len();
+        let is_finite = |weights: &[f32; 4]| weights.iter().fold(true, |all, weight| all & weight.is_finite());
         self.bindings.len() == vertices
             && self.raw.len() == vertices
-            && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
-            && self.triangles.as_flattened().iter().max().is_none_or(|last| (*last as usize) < vertices)
+            && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && is_finite(&binding.weights))
+            && are_below(vertices, self.triangles.as_flattened())
             && are_finite(&self.rest_m)
     }
 
@@ -106,28 +108,30 @@ impl Skin {
 
     /// Binds anew what lies at the tets that have changed, and lets come apart what no way through tets joins. Tells how many vertices found no room.
     pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], options: &CutOptions) -> usize {
-        let around = |tet: &u32| Bounds::around(corners(&rest.positions_m, rest.tets[*tet as usize]));
-        let boxes: Vec<Bounds> = changed.iter().map(around).collect();
-        let box_of_change = boxes.iter().copied().reduce(Bounds::with);
+        let around = |tet: &u32| SingleBounds::of_tet(&rest.positions_m, rest.tets[*tet as usize]);
+        let boxes: Vec<SingleBounds> = changed.iter().map(around).collect();
+        let box_of_change = boxes.iter().copied().reduce(SingleBounds::with);
         let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
         let mut is_changed = vec![false; rest.tets.len()];
         changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
         let cells = Cells::new(&boxes);
         let is_loose = |vertex: u32| {
-            let here = at(&self.rest_m, vertex);
-            let is_in_one = || box_of_change.has(here) && cells.at(here).any(|index| boxes[index as usize].has(here));
+            let spot = Spot::at(&self.rest_m[vertex as usize]);
+            let here = || cells.at(at(&self.rest_m, vertex)).iter();
+            let is_in_one = || box_of_change.has(&spot) && here().any(|index| boxes[*index as usize].has(&spot));
             is_changed[self.bindings[vertex as usize].tet as usize] || is_in_one()
         };
         let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
-        let has = |triangle: &[u32; 3], of: &[bool]| triangle.iter().any(|vertex| of[*vertex as usize]);
+        // Looks at all three: few triangles have one, and a branch for each vertex takes longer.
+        let has = |triangle: &[u32; 3], of: &[bool]| triangle.iter().fold(false, |any, vertex| any | of[*vertex as usize]);
         // And their neighbours: a vertex outside of all tets may have followed one on the other side.
         let mut loose = at_change.clone();
         for triangle in self.triangles.iter().filter(|triangle| has(triangle, &at_change)) {
             triangle.iter().for_each(|vertex| loose[*vertex as usize] = true);
         }
         let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
-        let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| at(&self.rest_m, vertex));
-        let reach = Bounds::around(points).with(box_of_change);
+        let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| self.rest_m[vertex as usize]);
+        let reach = SingleBounds::around(points).with(box_of_change);
         let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
         let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
         // Each loose vertex with its triangles, in their order.
@@ -160,12 +164,10 @@ impl Skin {
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
         let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
-        let radius_m = outside_m + triangles().map(|one| one.middle.distance(point)).fold(0.0, f64::max);
-        let parts = place.parts_around(point, radius_m, triangles().map(|one| one.home));
+        let radius_m = outside_m + triangles().map(|one| one.middle.distance_squared(point)).fold(0.0, f64::max).sqrt();
         let mut out_of_room = 0;
-        for (number, part) in parts.iter().enumerate() {
-            let Some(nearest) = place.nearest(part.iter().copied()) else { continue };
-            let tet = place.tets[nearest as usize];
+        for number in 0..place.parts_around(point, radius_m, triangles().map(|one| one.home)) {
+            let tet = place.tets[place.nearest_of(number) as usize];
             let binding = Binding { tet, weights: weights(place.rest, tet, point) };
             if number == 0 {
                 self.bindings[vertex as usize] = binding;
@@ -176,7 +178,7 @@ impl Skin {
                 continue;
             }
             let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
-            for one in triangles().filter(|one| part.iter().any(|(index, _)| *index == one.home)) {
+            for one in triangles().filter(|one| place.part_of(one.home) == number) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
             }

@@ -20,21 +20,27 @@ const FIRST_ROOM: usize = 8;
 impl Stars {
     /// Of the nodes of a mesh; the tets of each are in their order.
     pub fn new(nodes: usize, tets: &[[u32; 4]]) -> Stars {
-        let mut of_node = vec![Place::default(); nodes];
-        tets.iter().flatten().for_each(|node| of_node[*node as usize].room += 1);
+        // How many there are at each; then where the next one at each goes.
+        let mut next = vec![0; nodes];
+        tets.as_flattened().iter().for_each(|node| next[*node as usize] += 1);
         let mut all = 0;
-        for place in &mut of_node {
-            place.start = all;
-            all += place.room;
-        }
+        let place = |next: &mut usize| {
+            let count = std::mem::replace(next, all);
+            all += count;
+            Place { start: *next, count, room: count }
+        };
+        let of_node = next.iter_mut().map(place).collect();
         // With room for the stars that outgrow theirs.
         let mut list = Vec::with_capacity(all + all / 4);
         list.resize(all, 0);
-        let mut stars = Stars { of_node, tets: list };
         for (tet, nodes) in (0..).zip(tets) {
-            nodes.iter().for_each(|node| stars.push(*node, tet));
+            for node in nodes {
+                let next = &mut next[*node as usize];
+                list[*next] = tet;
+                *next += 1;
+            }
         }
-        stars
+        Stars { of_node, tets: list }
     }
 
     /// Number of nodes.

@@ -2,7 +2,7 @@
 //! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
 
 use super::Cuttable;
-use super::places::{Bounds, at, barycentric, corners, to_single};
+use super::places::{Bounds, SingleBounds, Spot, at, barycentric, corners, to_single};
 use glam::DVec3;
 use std::cell::OnceCell;
 
@@ -98,9 +98,9 @@ impl Cuttable {
 
     /// Remembers where the wire is.
     pub(super) fn seat_wire(&mut self, motion: &Motion) {
-        let near = Bounds::around(motion.to_m.iter().copied()).tets_in(&self.position_m, &self.rest.tets);
-        let bounds = |tet: u32| Bounds::around(corners(&self.position_m, self.rest.tets[tet as usize]));
-        let near: Vec<(u32, Bounds)> = near.into_iter().map(|tet| (tet, bounds(tet))).collect();
+        let near = Bounds::around(motion.to_m.iter().copied()).single().tets_in(&self.position_m, &self.rest.tets);
+        let bounds = |tet: u32| SingleBounds::of_tet(&self.position_m, self.rest.tets[tet as usize]);
+        let near: Vec<(u32, SingleBounds)> = near.into_iter().map(|tet| (tet, bounds(tet))).collect();
         // Asked only where the wire is outside of all tets.
         let used = OnceCell::new();
         let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &used);
@@ -114,15 +114,19 @@ impl Cuttable {
         (0..).zip(is_used).filter(|(_, is_used)| *is_used).map(|(node, _)| node).collect()
     }
 
-    fn seat(&self, point: DVec3, way: DVec3, near: &[(u32, Bounds)], used: &OnceCell<Vec<u32>>) -> Seat {
-        let mut around = near.iter().filter(|(_, bounds)| bounds.has(point)).map(|(tet, _)| *tet);
+    fn seat(&self, point: DVec3, way: DVec3, near: &[(u32, SingleBounds)], used: &OnceCell<Vec<u32>>) -> Seat {
+        let spot = Spot::of(point);
+        let mut around = near.iter().filter(|(_, bounds)| bounds.has(&spot)).map(|(tet, _)| *tet);
         let weights = |tet: u32| Some((tet, weights_in(corners(&self.position_m, self.rest.tets[tet as usize]), point)?));
         let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
         let nodes: &[u32] = if tet == NONE { used.get_or_init(|| self.used_nodes()) } else { &[] };
-        let distances = nodes.iter().map(|node| (*node, at(&self.position_m, *node).distance_squared(point)));
-        let nearest = distances.filter(|(_, distance)| distance.is_finite()).min_by(|left, right| left.1.total_cmp(&right.1));
-        let node = nearest.map_or(NONE, |(node, _)| node);
-        let offset = nearest.map_or(point, |(node, _)| point - at(&self.position_m, node));
+        // The first of the nearest, and none whose distance is infinite or no number.
+        let nearer = |(nearest, least): (u32, f64), node: &u32| {
+            let distance = at(&self.position_m, *node).distance_squared(point);
+            if distance < least { (*node, distance) } else { (nearest, least) }
+        };
+        let (node, _) = nodes.iter().fold((NONE, f64::INFINITY), nearer);
+        let offset = if node == NONE { point } else { point - at(&self.position_m, node) };
         Seat { tet, weights, node, offset_m: to_single(offset), way: to_single(way) }
     }
 }
