@@ -110,9 +110,9 @@ SUBSTEPS, CONVERGED, NEAR = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20), 80, 0.05
 PULL_M_S2, SETTLING, AVERAGED = 30.0, 150, 150
 
 
-def pypbd_model(tets, is_pressed, pull_m_s2):
+def pypbd_model(tets, is_pressed):
     """PyPBD's block in millimetres, for it leaves out each tet of which the edges' determinant is less than 1e-6, and so all of ours in metres. The nodes
-    that are pressed are held where the ball presses them; all others are pulled along the held face."""
+    that are pressed are held where the ball presses them. Its gravity, which no setting changes, is a thousandth of ours there."""
     import numpy
     import pypbd
 
@@ -121,7 +121,6 @@ def pypbd_model(tets, is_pressed, pull_m_s2):
     pypbd.Logger.addConsoleSink(pypbd.LogLevel.ERR) if hasattr(pypbd, "Logger") else None
     simulation = pypbd.Simulation.getCurrent()
     simulation.initDefault()
-    simulation.setVecValueReal(pypbd.Simulation.GRAVITATION, [pull_m_s2 * 1e3, 0.0, 0.0])
     model = simulation.getModel()
     model.addTetModel([numpy.array(node) * 1e3 for node in nodes], [node for tet in elements for node in tet], testMesh=False)
     particles = model.getParticles()
@@ -139,15 +138,19 @@ def pypbd_model(tets, is_pressed, pull_m_s2):
 
 def pypbd_gives_way(tets, substeps):
     """How far the face opposite to the held one goes under the pull in the mean, mm, with so many substeps."""
+    import numpy
     import pypbd
 
-    nodes, simulation, model = pypbd_model(tets, lambda x, y, z: False, PULL_M_S2)
+    nodes, simulation, model = pypbd_model(tets, lambda x, y, z: False)
     stepper, particles = simulation.getTimeStep(), model.getParticles()
+    pull, free = numpy.array([PULL_M_S2, 0.0, 0.0]), [node for node, at in enumerate(nodes) if at[2] > 0.0]  # m/s² times 1 ms, in mm/s
     stepper.setValueUInt(pypbd.TimeStepController.NUM_SUB_STEPS, substeps)
     stepper.setValueUInt(pypbd.TimeStepController.MAX_ITERATIONS, 1)
     top = [node for node, at in enumerate(nodes) if at[2] == nodes[-1][2]]
     ways = []
     for step in range(SETTLING + AVERAGED):
+        for node in free:
+            particles.setVelocity(node, particles.getVelocity(node) + pull)
         stepper.step(model)
         if step >= SETTLING:
             ways.append(statistics.mean(particles.getPosition(node)[0] - nodes[node][0] * 1e3 for node in top))
@@ -165,7 +168,7 @@ def pypbd_block(tets):
     cells = BLOCKS[tets]
     top, middle = cells[2] * EDGE_M, cells[0] * EDGE_M / 2
     is_pressed = lambda x, y, z: z == top and (x - middle) ** 2 + (y - middle) ** 2 < (0.7 * BALL_M) ** 2
-    nodes, simulation, model = pypbd_model(tets, is_pressed, 0.0)
+    nodes, simulation, model = pypbd_model(tets, is_pressed)
     stepper, particles = simulation.getTimeStep(), model.getParticles()
     stepper.setValueUInt(pypbd.TimeStepController.NUM_SUB_STEPS, substeps)
     stepper.setValueUInt(pypbd.TimeStepController.MAX_ITERATIONS, 1)
