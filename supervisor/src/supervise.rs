@@ -305,8 +305,8 @@ impl Supervisor {
                 self.faults.cleared(slot, incarnation);
             }
             Input::Notice(Notice::SaidDead { slot }) => self.note_said_dead(slot),
-            Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns, is_slow }) => {
-                self.note_late(slot, incarnation, [at_ns, beat_ns], is_slow);
+            Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns, is_slow, doing }) => {
+                self.note_late(slot, incarnation, [at_ns, beat_ns], (is_slow, &doing));
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, open_ns, beat_ns }) => {
                 let exit = self.memory.blame(spawn::reap_in_slot(&self.page, slot, pid));

@@ -3,6 +3,7 @@
 //! guilty is decided by [`crate::suspicion`]. It stands above all engines (SCHED_FIFO where granted), so that an engine that spins can be
 //! demoted and killed; therefore it does nothing else.
 
+mod doing;
 mod words;
 
 use crate::proc::{self, ThreadFiles};
@@ -143,6 +144,8 @@ pub enum Notice {
         beat_ns: u64,
         /// It goes on.
         is_slow: bool,
+        /// What it did, in words.
+        doing: String,
     },
     /// The station page said of one who lives that it is dead, and does not any more.
     SaidDead {
@@ -374,11 +377,13 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
         Opinion::Cleared => tell(Notice::Cleared { slot, incarnation, guilt_ns: ward.gauge.most_cleared_ns }),
         Opinion::Guilty | Opinion::Slow => {
             ward.blamed = true;
+            let is_slow = opinion == Opinion::Slow;
+            let doing = if is_slow { String::new() } else { doing::doing(ward.pid) };
             // The hardware stands for a thing outside of the station: it is reported, but not killed for being late.
             if slot.role() != Role::Hardware {
                 proc::end_held(slot.role(), ward.pid, &ward.pidfd);
             }
-            tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns, is_slow: opinion == Opinion::Slow });
+            tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns, is_slow, doing });
         }
     }
 }

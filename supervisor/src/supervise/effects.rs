@@ -74,12 +74,12 @@ impl Supervisor {
     }
 
     /// The watch has killed one that hangs, or is too slow to be in time; when that was seen and its last heartbeat, ns.
-    pub(super) fn note_late(&mut self, slot: Slot, incarnation: u32, [at_ns, beat_ns]: [u64; 2], is_slow: bool) {
+    pub(super) fn note_late(&mut self, slot: Slot, incarnation: u32, [at_ns, beat_ns]: [u64; 2], (is_slow, doing): (bool, &str)) {
         let (why, by) = match is_slow {
             true => ("works so much that it cannot be in time".into(), "processor time"),
             false => {
                 let silent_ms = at_ns.saturating_sub(beat_ns) / 1_000_000;
-                (format!("hangs (last heartbeat {silent_ms} ms ago)"), "heartbeat")
+                (format!("hangs (last heartbeat {silent_ms} ms ago{doing})"), "heartbeat")
             }
         };
         let is_on_the_desk = slot.role() == Role::Hardware; // nobody stands in for it
