@@ -269,10 +269,13 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
     fault.control_unlike = control.and_then(|control| control.contact).is_some_and(|contact| contact != seen.contact());
     if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
         let (steps_n, control_steps_n) = (window.steps_n(seen.contact()), control.steps_n(control.contact == Some(true)));
-        let jerk = (0..2usize).find(|at| {
-            let quiet_n = seen.quiet_steps_n[*at].max(control_steps_n[*at].unwrap_or(0.0));
-            steps_n[*at].is_some_and(|step_n| step_n > fault.most_step_n(quiet_n))
-        });
+        let over_n = |at: usize| {
+            let quiet_n = seen.quiet_steps_n[at].max(control_steps_n[at].unwrap_or(0.0));
+            Some(steps_n[at]? - fault.most_step_n(quiet_n)).filter(|over_n| *over_n > 0.0)
+        };
+        // Of both the one that is farther beyond what it may be.
+        let jerk = (0..2usize).filter_map(|at| Some((at, over_n(at)?))).max_by(|one, other| one.1.total_cmp(&other.1));
+        let jerk = jerk.map(|(at, _)| at);
         fault.step = jerk.and_then(|at| seen.steps.into_iter().nth(at)).unwrap_or_default();
         let most = match fault.may_be_felt() {
             true if fault.is_of_both_servos() => i64::MAX,

@@ -3,9 +3,11 @@
 //! A *miss* is a tick at which the hardware did not get a fresh force, unless the canaries saw the host itself stall (void).
 
 mod control;
+mod force;
 
 pub use control::{AFTERMATH_TICKS, Controls, Wanted};
 
+use force::{CONTACT_TICKS, distance, is_contact, norm};
 use hyst_exchange::ReadPage;
 use hyst_messages::page::hardware as layout;
 use hyst_messages::{Applied, LedgerEntry};
@@ -219,14 +221,14 @@ impl Ledger {
         let mut window = Window { from_tick, to_tick, contact, ..Window::default() };
         let mut steps_n: [Option<f64>; 2] = [None; 2];
         let mut before = first.checked_sub(1).and_then(|at| self.ticks.get(at));
-        for tick in self.ticks.range(first..end) {
+        for (at, tick) in (first..).zip(self.ticks.range(first..end)) {
             window.voided += u64::from(tick.void);
             window.ticks += u64::from(!tick.void);
             window.missed += u64::from(tick.late && !tick.void);
             window.late += u64::from(tick.late);
             window.wrong += u64::from(tick.wrong);
             if let Some(before) = before.filter(|before| !before.void && !tick.void) {
-                let most_n = &mut steps_n[usize::from(is_contact(before.force_n))];
+                let most_n = &mut steps_n[usize::from(self.is_in_contact_before(at))];
                 *most_n = Some(most_n.unwrap_or(0.0).max(f64::from(distance(before.force_n, tick.force_n))));
             }
             before = Some(tick);
@@ -236,12 +238,17 @@ impl Ledger {
         window
     }
 
+    /// Whether the hand was in contact in each of the [`CONTACT_TICKS`] ticks before one: a kick in the open that takes two ticks makes no contact by its first.
+    fn is_in_contact_before(&self, at: usize) -> bool {
+        at.checked_sub(CONTACT_TICKS).is_some_and(|from| self.ticks.range(from..at).all(|tick| is_contact(tick.force_n)))
+    }
+
     /// The ticks around the largest change of the force in a window, of those in the open or of those in contact; none where nothing changes.
     pub fn around_step(&self, window: &Window, in_contact: bool) -> Vec<Tick> {
         let (first, end) = self.range(window.from_tick, window.to_tick);
         let step_n = |at: &usize| {
             let (before, tick) = (&self.ticks[*at - 1], &self.ticks[*at]);
-            let counts = !before.void && !tick.void && is_contact(before.force_n) == in_contact;
+            let counts = !before.void && !tick.void && self.is_in_contact_before(*at) == in_contact;
             if counts { f64::from(distance(before.force_n, tick.force_n)) } else { 0.0 }
         };
         let most_n = window.steps_n(in_contact)[usize::from(in_contact)].unwrap_or(0.0);
@@ -284,19 +291,6 @@ impl Ledger {
         let at = self.ticks.partition_point(|entry| entry.station_tick < tick);
         self.ticks.get(at).is_some_and(|tick| is_contact(tick.force_n))
     }
-}
-
-/// Whether the hand feels tissue: a force of more than a hundredth of a newton.
-fn is_contact(force_n: [f32; 3]) -> bool {
-    norm(force_n) > 0.01
-}
-
-fn norm(v: [f32; 3]) -> f32 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
-}
-
-fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]])
 }
 
 #[cfg(test)]
@@ -357,6 +351,13 @@ pub(crate) mod tests {
         assert_eq!(steps_n(900, 1_100), ([Some(0.0), Some(1.0)], 1.0), "and leaves it at 1000");
         assert_eq!([steps_n(100, 200), steps_n(600, 700)], [([Some(0.0), None], 0.0), ([None, Some(0.0)], 0.0)]);
         assert_eq!(steps_n(1_501, 1_502), ([Some(0.0), None], 0.0), "nothing in it counts, and it is taken for one in the open");
+        let mut kicked = self::ledger(100, &[], &[]);
+        for (tick, x) in (100..).zip([0.02, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5]) {
+            kicked
+                .push(&LedgerEntry { station_tick: tick, force_tick: tick, force_n: [x, 0.0, 0.0], ..Default::default() }, true);
+        }
+        let steps_n = kicked.window(90, 107).steps_n(false).map(|step_n| step_n.map(|step_n| (100.0 * step_n).round()));
+        assert_eq!(steps_n, [Some(98.0), Some(50.0)], "a kick that takes two ticks is one in the open");
         let text = "{\"from_tick\":1,\"to_tick\":9,\"ticks\":8,\"missed\":0,\"voided\":0,\"force_step_max_n\":0.3}";
         let old: Window = serde_json::from_str(text).unwrap();
         assert_eq!([true, false].map(|began| old.steps_n(began)), [[None, Some(0.3)], [Some(0.3), None]]);

@@ -164,7 +164,10 @@ def pypbd_block(tets):
     way = lambda count: in_a_process_of_its_own(pypbd_gives_way, tets, count)
     converged = way(CONVERGED)
     ways = ((count, way(count) / converged - 1.0) for count in SUBSTEPS)
-    substeps, off = next(((count, off) for count, off in ways if abs(off) <= NEAR), (CONVERGED, 0.0))
+    near = next(((count, off) for count, off in ways if abs(off) <= NEAR), None)
+    if near is None:
+        sys.exit(f"none of {SUBSTEPS} substeps comes near {CONVERGED}")
+    substeps, off = near
     cells = BLOCKS[tets]
     top, middle = cells[2] * EDGE_M, cells[0] * EDGE_M / 2
     is_pressed = lambda x, y, z: z == top and (x - middle) ** 2 + (y - middle) ** 2 < (0.7 * BALL_M) ** 2

@@ -173,7 +173,8 @@ impl Clerk {
         let rounds = Rounds::default();
         let passed = rounds.clone();
         let body = move || {
-            let (mut present, mut last) = (Arc::clone(&world), answer(&world));
+            // The first world goes back, too: nothing else of this thread holds it.
+            let (mut last, mut present) = (answer(&world), world);
             // For want of a block, while readers that starve or have died hold all: it is sent again until it comes through.
             let mut is_owed = false;
             while !stopped.load(Ordering::Acquire) {

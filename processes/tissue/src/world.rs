@@ -265,7 +265,7 @@ impl World {
         let words = body.pack();
         let (mut filling, mut telling) = (Filling::of(case, &body, &objects), Telling::of(&body));
         let version = version_beside(&words, || {
-            // There are some words more than these and those together.
+            // Once for each block of words; what is left then is done at once.
             if !filling.add() {
                 telling.ask();
             }

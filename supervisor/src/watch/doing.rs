@@ -17,13 +17,16 @@ pub fn doing(process: u32) -> String {
 
 fn told(channel: &str, call: &str) -> String {
     let (channel, mut words) = (channel.trim(), call.split_whitespace());
-    if matches!(channel, "" | "0") {
-        return if call.trim() == "running" { ", it runs".into() } else { String::new() };
+    match channel {
+        "" | "0" => return if call.trim() == "running" { ", it runs".into() } else { String::new() },
+        // The kernel goes on telling the system call that it was stopped in.
+        "do_signal_stop" | "ptrace_stop" => return ", it is stopped".into(),
+        _ => {}
     }
     let number = words.next().and_then(|number| number.parse::<u64>().ok());
     let what = words.nth(1).and_then(|word| u64::from_str_radix(word.trim_start_matches("0x"), 16).ok());
     match (number, what) {
-        (Some(FUTEX), Some(what)) if what & OWN_WORD != 0 => format!(", it sleeps in {channel} for a lock of its own"),
+        (Some(FUTEX), Some(what)) if what & OWN_WORD != 0 => format!(", it sleeps in {channel} for a word of its own"),
         (Some(FUTEX), Some(_)) => format!(", it sleeps in {channel} for a word that it shares"),
         (Some(number), _) => format!(", it sleeps in {channel}, system call {number}"),
         (None, _) => format!(", it sleeps in {channel}"),
@@ -37,11 +40,12 @@ mod tests {
     use std::process::{Command, Stdio};
 
     #[test]
-    fn a_lock_of_its_own_is_told_from_a_word_that_is_shared_and_what_is_not_told_is_left_out() {
+    fn a_word_of_its_own_is_told_from_one_that_is_shared_and_what_is_not_told_is_left_out() {
         let futex = |op: u64| format!("{FUTEX} 0x7f9f33300000 {op:#x} 0x2 0x0 0x0 0x0 0x7ffd5d082fc0 0x558e399e5347\n");
-        assert_eq!(told("futex_do_wait", &futex(0x80)), ", it sleeps in futex_do_wait for a lock of its own");
-        assert_eq!(told("futex_do_wait", &futex(0x189)), ", it sleeps in futex_do_wait for a lock of its own");
+        assert_eq!(told("futex_do_wait", &futex(0x80)), ", it sleeps in futex_do_wait for a word of its own");
+        assert_eq!(told("futex_do_wait", &futex(0x189)), ", it sleeps in futex_do_wait for a word of its own");
         assert_eq!(told("futex_do_wait", &futex(0x9)), ", it sleeps in futex_do_wait for a word that it shares");
+        assert_eq!(told("do_signal_stop", &futex(0x80)), ", it is stopped");
         assert_eq!(told("pipe_write", "1 0x1 0x7f 0x10 0x0 0x0 0x0 0x7ffd 0x55\n"), ", it sleeps in pipe_write, system call 1");
         assert_eq!((told("0", "running\n"), told("", ""), told("0", "")), (", it runs".into(), String::new(), String::new()));
         assert_eq!(
