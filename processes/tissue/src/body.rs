@@ -7,7 +7,7 @@
 mod order;
 mod parts;
 
-use hyst_mesh::{Binding, TetMesh, signed_volume};
+use hyst_mesh::{Binding, TetMesh, are_below, are_finite, signed_volume};
 use hyst_messages::fnv_words;
 use hyst_tissue::Skin;
 
@@ -171,22 +171,16 @@ impl Body {
         let Body { rest, material, fixed, skin, origin } = self;
         let counts @ [nodes, tets, vertices, _, objects] = self.counts();
         let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
-        // Without an early end, so that it is a few instructions for each line of memory.
-        let in_range = |indices: &[u32], count: usize| {
-            let count = u32::try_from(count).unwrap_or(u32::MAX);
-            indices.iter().fold(true, |all, index| all & (*index < count))
-        };
-        let are_finite = |values: &[f32]| values.iter().fold(true, |all, value| all & value.is_finite());
         let is_bound = |binding: &Binding| ((binding.tet as usize) < tets) & are_finite(&binding.weights);
         let is_once = |[a, b, c, d]: &[u32; 4]| (a != b) & (a != c) & (a != d) & (b != c) & (b != d) & (c != d);
         counts.iter().zip(most).all(|(count, most)| *count <= most)
             && [fixed.len(), rest.regions.len(), skin.bindings.len(), skin.raw.len()] == [nodes, tets, vertices, vertices]
             && (material.is_empty() || material.len() == tets)
-            && in_range(rest.tets.as_flattened(), nodes)
-            && in_range(&rest.regions, objects)
-            && in_range(material, room.regions + 1)
-            && in_range(skin.triangles.as_flattened(), vertices)
-            && in_range(origin, objects)
+            && are_below(nodes, rest.tets.as_flattened())
+            && are_below(objects, &rest.regions)
+            && are_below(room.regions + 1, material)
+            && are_below(vertices, skin.triangles.as_flattened())
+            && are_below(objects, origin)
             && are_finite(rest.positions_m.as_flattened())
             && are_finite(skin.rest_m.as_flattened())
             && skin.bindings.iter().fold(true, |all, binding| all & is_bound(binding))

@@ -1,6 +1,6 @@
 //! The checks before a model is made: options in range, a mesh whose indices and numbers can be used.
 
-use hyst_mesh::TetMesh;
+use hyst_mesh::{TetMesh, are_below, are_finite};
 
 use crate::model::{ModelError, Options, SUBSTEPS_MAX};
 
@@ -29,15 +29,13 @@ pub(crate) fn mesh(mesh: &TetMesh, fixed: &[bool]) -> Result<(), ModelError> {
     if fixed.len() != nodes {
         return Err(ModelError::FixedLength { expected: nodes, found: fixed.len() });
     }
-    // All together first, without an early end, so that it is a few instructions for many of them.
-    if !mesh.positions_m.as_flattened().iter().fold(true, |all, x| all & x.is_finite())
+    if !are_finite(mesh.positions_m.as_flattened())
         && let Some(node) = mesh.positions_m.iter().position(|position| position.iter().any(|x| !x.is_finite()))
     {
         return Err(ModelError::NotFinite { node });
     }
-    let count = nodes as u32;
-    let beyond = |(tet, corners): (usize, &[u32; 4])| Some((tet, *corners.iter().find(|node| **node >= count)?));
-    if mesh.tets.as_flattened().iter().fold(false, |any, node| any | (*node >= count))
+    let beyond = |(tet, corners): (usize, &[u32; 4])| Some((tet, *corners.iter().find(|node| **node as usize >= nodes)?));
+    if !are_below(nodes, mesh.tets.as_flattened())
         && let Some((tet, node)) = mesh.tets.iter().enumerate().find_map(beyond)
     {
         return Err(ModelError::NodeIndex { tet, node, nodes });

@@ -25,8 +25,8 @@ mod stars;
 mod wire;
 
 use burn::burn;
-use hyst_mesh::{TetMesh, signed_volume};
-use places::{are_below, are_finite, corners};
+use hyst_mesh::{TetMesh, are_below, are_finite, signed_volume};
+use places::corners;
 use refine::Work;
 use sheet::Sheet;
 
@@ -265,7 +265,7 @@ impl Cuttable {
             ("a velocity", &self.velocity_m_s),
             ("a mark", &self.marks),
         ];
-        for (what, points) in lists.into_iter().filter(|(_, points)| !are_finite(points)) {
+        for (what, points) in lists.into_iter().filter(|(_, points)| !are_finite(points.as_flattened())) {
             if let Some(node) = points.iter().position(is_bad) {
                 return Err(CutError::NotFinite { what, node });
             }

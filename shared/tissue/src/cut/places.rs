@@ -122,16 +122,6 @@ impl Sides {
     }
 }
 
-/// Whether all coordinates are numbers; looks at all of them, which takes less time than to stop at the first that is none.
-pub fn are_finite(points_m: &[[f32; 3]]) -> bool {
-    points_m.as_flattened().iter().fold(true, |all, coordinate| all & coordinate.is_finite())
-}
-
-/// Whether all names are below a number; looks at all of them, as [`are_finite`] does.
-pub fn are_below(number: usize, names: &[u32]) -> bool {
-    names.is_empty() || (names.iter().fold(0, |last: u32, name| last.max(*name)) as usize) < number
-}
-
 /// Three nodes, the lowest first.
 pub fn sorted([a, b, c]: [u32; 3]) -> [u32; 3] {
     let (low, high) = (a.min(b), a.max(b));
@@ -224,11 +214,6 @@ mod tests {
             let is_in = is_between(around.low_m, around.high_m, in_mesh.map(f64::from));
             prop_assert_eq!(around.single().has(&Spot::at(&in_mesh)), is_in);
             prop_assert_eq!(Sides::touch([around.single().sides(&in_mesh)]), is_in);
-        }
-
-        #[test]
-        fn names_are_below_a_number_when_each_is(names in prop::collection::vec(0..5_u32, 0..9), number in 0..6_usize) {
-            prop_assert_eq!(are_below(number, &names), names.iter().all(|name| (*name as usize) < number));
         }
 
         #[test]

@@ -7,11 +7,11 @@
 
 use super::cells::Cells;
 use super::neighbourhood::Neighbourhood;
-use super::places::{Sides, SingleBounds, Spot, are_below, are_finite, at, barycentric, corners, to_single};
+use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
-use hyst_mesh::{Binding, FACES, TetMesh};
+use hyst_mesh::{Binding, FACES, TetMesh, are_below, are_finite};
 use std::collections::BTreeMap;
 
 /// No edge of the surface is divided nearer to its end than this, m: a pixel or two of the picture.
@@ -50,7 +50,7 @@ impl Skin {
             && self.raw.len() == vertices
             && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && is_finite(&binding.weights))
             && are_below(vertices, self.triangles.as_flattened())
-            && are_finite(&self.rest_m)
+            && are_finite(self.rest_m.as_flattened())
     }
 
     fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
