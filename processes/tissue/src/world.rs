@@ -124,6 +124,25 @@ pub struct Workshop {
     case: Arc<Case>,
     maker: ModelMaker,
     faces: TopologyMaker,
+    first_substeps: u32,
+}
+
+/// What is not as in the station, for whoever asks what that costs or is worth.
+#[derive(Clone, Copy, Debug)]
+pub struct Otherwise {
+    /// Steps in each tick of the hand; of more than one none has mass added.
+    pub finer: u32,
+    /// How many times as stiff the contacts of the tool are.
+    pub stiffer: f32,
+    /// Most substeps of a step that are tried first: with fewer more mass is added.
+    pub first_substeps: u32,
+}
+
+impl Default for Otherwise {
+    /// As in the station.
+    fn default() -> Otherwise {
+        Otherwise { finer: 1, stiffer: 1.0, first_substeps: model::MAX_SUBSTEPS[0] }
+    }
 }
 
 /// The scene of the settings.
@@ -155,11 +174,12 @@ impl Workshop {
 
     /// The world of a scene, and where others are made of it.
     pub fn open(scene: &LoadedScene, isa: Isa) -> Result<(Workshop, World), Failure> {
-        Workshop::open_finer(scene, isa, 1, 1.0)
+        Workshop::open_other(scene, isa, Otherwise::default())
     }
 
-    /// The same for steps that are so many times as short, with more than one no mass is added, and contacts that are so many times as stiff.
-    pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32, stiffer: f32) -> Result<(Workshop, World), Failure> {
+    /// The same with what is not as in the station.
+    pub fn open_other(scene: &LoadedScene, isa: Isa, otherwise: Otherwise) -> Result<(Workshop, World), Failure> {
+        let Otherwise { finer, stiffer, first_substeps } = otherwise;
         // The lists of a world, some megabytes, are made anew in each cut, and those of the one before are freed.
         allocation::keep_what_is_freed();
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
@@ -175,7 +195,7 @@ impl Workshop {
         };
         let case = Arc::new(Case::of(scene, &body, &starts)?);
         let maker = ModelMaker::new(&materials(scene)?, options);
-        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default() };
+        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps };
         let (model, report) = workshop.model(&body)?;
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.

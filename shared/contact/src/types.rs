@@ -137,7 +137,7 @@ impl Points<'_> {
 
     /// Whether a point may hit a tet that it lies in, at the place of some weights.
     #[inline(always)]
-    pub(crate) fn may_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32, weights: &[f32; 4]) -> bool {
+    pub fn may_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32, weights: &[f32; 4]) -> bool {
         match (self.owner.get(point as usize), &self.own) {
             (None, _) => false,
             (Some(&owner), own) if owner != tet_owner => own.is_none_or(|own| point < own.only_from),

@@ -5,7 +5,7 @@ mod common;
 
 use common::cuts::{assert_sound, bar, corners, dressed, in_its_boundary, parts, shipped, straight};
 use glam::{DVec3, Vec3};
-use hyst_mesh::{component_of_each_tet, read_triangles, signed_volume};
+use hyst_mesh::{Binding, component_of_each_tet, read_triangles, signed_volume};
 use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Skin, cut};
 use std::path::Path;
 
@@ -131,6 +131,41 @@ fn the_surface_is_divided_along_the_wire_and_comes_apart_there_alone() {
             .collect::<Vec<_>>()
     };
     assert_eq!(far(&before), far(&tissue.skin));
+}
+
+/// Two bars in one place at rest, as a pathology lies in its host, of which the second is 10 cm away now; and how many vertices the surface of each has.
+fn two_bars() -> (Cuttable, usize) {
+    let one = in_its_boundary(bar());
+    let (nodes, tets, vertices) = (one.rest.positions_m.len() as u32, one.rest.tets.len() as u32, one.skin.rest_m.len() as u32);
+    let mut both = one.clone();
+    both.rest.positions_m.extend_from_slice(&one.rest.positions_m);
+    both.rest.tets.extend(one.rest.tets.iter().map(|tet| tet.map(|node| node + nodes)));
+    both.rest.regions.extend(one.rest.regions.iter().map(|_| 1));
+    both.position_m.extend(one.position_m.iter().map(|[x, y, z]| [x + 0.1, *y, *z]));
+    both.velocity_m_s.extend_from_slice(&one.velocity_m_s);
+    both.fixed.extend_from_slice(&one.fixed);
+    both.marks.extend_from_slice(&one.marks);
+    both.skin.rest_m.extend_from_slice(&one.skin.rest_m);
+    both.skin.triangles.extend(one.skin.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + vertices)));
+    both.skin.bindings.extend(one.skin.bindings.iter().map(|binding| Binding { tet: binding.tet + tets, ..*binding }));
+    both.skin.raw.extend_from_slice(&one.skin.raw);
+    (both, vertices as usize)
+}
+
+#[test]
+fn the_surface_of_another_object_that_lay_there_at_rest_stays_as_it_was() {
+    let (mut tissue, vertices) = two_bars();
+    let of_other = |skin: &Skin| {
+        let is_of_it = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| (vertices..2 * vertices).contains(&(*vertex as usize)));
+        let triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_it).copied().collect();
+        (skin.rest_m[vertices..2 * vertices].to_vec(), skin.bindings[vertices..2 * vertices].to_vec(), triangles)
+    };
+    let before = of_other(&tissue.skin);
+    let middle = Vec3::new(0.0181, 0.006, -0.002);
+    let reports =
+        sweep(&mut tissue, &straight(middle - Vec3::Y * 0.02, middle + Vec3::Y * 0.02, Vec3::Z * 0.016, 7), &CutOptions::default());
+    assert_eq!(reports.iter().map(|report| report.parts).max(), Some(3), "the first is cut through");
+    assert_eq!(of_other(&tissue.skin), before);
 }
 
 #[test]

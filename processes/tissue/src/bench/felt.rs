@@ -2,7 +2,8 @@
 //! time on the same mesh, with the same tool in the same places. There steps are shorter, and with them the contacts are looked for more often, and
 //! nowhere is mass added. And what the contact gives way by itself, which both have alike: beside the same short steps with a contact many times as stiff.
 
-use super::press::{Press, Record, Settings};
+use super::press::{Press, Record};
+use crate::world::Otherwise;
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
 
@@ -22,29 +23,31 @@ pub struct Apart {
     pub most_m: f64,
 }
 
-fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
+/// How far two places, or forces, are apart.
+pub fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+/// The same of the two of some places that are farthest apart.
+pub fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     a.iter().zip(b).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max)
 }
 
 /// So many ticks of the scene's hand with the settings of the station, and `finer` times as fine.
 pub fn apart(scene: &LoadedScene, finer: [u32; 2], ticks: usize) -> Result<Apart, String> {
-    between(scene, finer.map(|finer| Settings { finer, ..Settings::default() }), ticks)
+    between(scene, finer.map(|finer| Otherwise { finer, ..Otherwise::default() }), ticks)
 }
 
 /// The same, both `finer` times as fine, with the contacts of the station, and with such as are `stiffer` times as stiff.
 pub fn softness(scene: &LoadedScene, finer: u32, stiffer: f32, ticks: usize) -> Result<Apart, String> {
-    between(scene, [1.0, stiffer].map(|stiffer| Settings { finer, stiffer }), ticks)
+    between(scene, [1.0, stiffer].map(|stiffer| Otherwise { finer, stiffer, ..Otherwise::default() }), ticks)
 }
 
 /// How far the first of two runs is from the second.
-fn between(scene: &LoadedScene, settings: [Settings; 2], ticks: usize) -> Result<Apart, String> {
+fn between(scene: &LoadedScene, otherwise: [Otherwise; 2], ticks: usize) -> Result<Apart, String> {
     let mut press = Vec::new();
-    for settings in settings {
-        press.push((Press::with(scene, Isa::detect(), 1, settings)?, Record::default()));
+    for otherwise in otherwise {
+        press.push((Press::with(scene, Isa::detect(), 1, otherwise)?, Record::default()));
     }
     let mut apart = Apart::default();
     for tick in 0..ticks {

@@ -48,7 +48,7 @@ pub fn block(cells: [usize; 3], tip_m: [f32; 3]) -> TetMesh {
 }
 
 /// The scene with a block as its only object, held at its far face, and no hand: the tool rests.
-fn with_block(scene: &LoadedScene, cells: [usize; 3]) -> Option<LoadedScene> {
+pub fn with_block(scene: &LoadedScene, cells: [usize; 3]) -> Option<LoadedScene> {
     let mesh = block(cells, scene.rest.tip_m(scene.workspace.pivot_m));
     let far_m = mesh.positions_m.iter().map(|place| place[2]).fold(f32::MIN, f32::max) - 0.5 * EDGE_M;
     with_mesh(scene, mesh, |place| place[2] > far_m)

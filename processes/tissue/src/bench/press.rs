@@ -4,7 +4,7 @@
 use crate::contacts::{self, Contacts, ToolMotion};
 use crate::through::Passage;
 use crate::tool::Stand;
-use crate::world::{Workshop, World};
+use crate::world::{Otherwise, Workshop, World};
 use hyst_contact::{Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
@@ -81,22 +81,6 @@ impl Record {
     }
 }
 
-/// What a run has in another way than the station.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Steps in each tick of the hand; of more than one none has mass added.
-    pub finer: u32,
-    /// How many times as stiff the contacts of the tool are.
-    pub stiffer: f32,
-}
-
-impl Default for Settings {
-    /// The station's.
-    fn default() -> Settings {
-        Settings { finer: 1, stiffer: 1.0 }
-    }
-}
-
 /// Model, state and buffers of a run.
 pub struct Press {
     /// Steps of a tick.
@@ -128,13 +112,13 @@ pub fn text(error: impl std::fmt::Display) -> String {
 impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        Press::with(scene, isa, threads, Settings::default())
+        Press::with(scene, isa, threads, Otherwise::default())
     }
 
-    /// The same with settings that are not the station's.
-    pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, settings: Settings) -> Result<Press, String> {
-        let Settings { finer, stiffer } = settings;
-        let (_, world) = Workshop::open_finer(scene, isa, finer, stiffer).map_err(text)?;
+    /// The same with what is not as in the station.
+    pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
+        let Otherwise { finer, stiffer, .. } = otherwise;
+        let (_, world) = Workshop::open_other(scene, isa, otherwise).map_err(text)?;
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
@@ -171,6 +155,11 @@ impl Press {
     /// Number of tets.
     pub fn tets(&self) -> usize {
         self.shared.world.model.tets().len()
+    }
+
+    /// Substeps of a step.
+    pub fn substeps(&self) -> u32 {
+        self.shared.world.model.substeps(f64::from(DT_S) / self.finer as f64)
     }
 
     /// Number of points: of the shaft, and of tissue; the loop stays in its sheath.
@@ -319,8 +308,8 @@ impl Press {
     pub fn parry_ns(&self) -> Result<[u64; 2], String> {
         let world = &self.shared.world;
         let input = self.shared.input.read();
-        let tissue = contacts::tissue(world, &input.positions_m);
-        super::peer::parry_ns(&tissue, &self.points_m[..world.case.tool.shaft])
+        let (tissue, points) = (contacts::tissue(world, &input.positions_m), world.points.view(&world.body.rest.positions_m));
+        super::peer::parry_ns(&tissue, &points, &self.points_m)
     }
 
     /// Reading the corners of every tet once, ns: the fastest of a few. No method that looks at all tets takes less.

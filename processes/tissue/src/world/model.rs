@@ -8,17 +8,18 @@ use hyst_tissue::{Model, ModelError, ModelReport};
 /// Most substeps in a step of 1 ms: fine meshes of stiff tissue need more than what an organ of the size that the station is made for does. The first is
 /// taken with which little enough mass has to be added. One that is too few says how many would be enough, so that those between are not tried: a cut
 /// that is refused costs no more than one that is made.
-const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
+pub(super) const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 
 impl Workshop {
     /// The model of a body: it is made of what the scene's objects and their regions are made of, whatever its parts are now.
     pub(super) fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
         let regions: Vec<u32> = (0..body.rest.tets.len()).map(|tet| self.case.material(body, tet)).collect();
+        let maker = &mut self.maker;
         let mut with = |max_substeps| {
-            self.maker.options.max_substeps = max_substeps;
-            self.maker.make_of(&body.rest, &regions, &body.fixed)
+            maker.options.max_substeps = max_substeps;
+            maker.make_of(&body.rest, &regions, &body.fixed)
         };
-        let mut last = with(MAX_SUBSTEPS[0]);
+        let mut last = with(self.first_substeps);
         while let Err(ModelError::TooStiff { substeps, enough_substeps, .. }) = last {
             let Some(next) = next_after(substeps, enough_substeps) else { break };
             last = with(next);

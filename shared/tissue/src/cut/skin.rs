@@ -106,7 +106,8 @@ impl Skin {
         out_of_room
     }
 
-    /// Binds anew what lies at the tets that have changed, and lets come apart what no way through tets joins. Tells how many vertices found no room.
+    /// Binds anew what lies at the tets of its own object that have changed, and lets come apart what no way through tets joins. Tells how many vertices found
+    /// no room.
     pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], options: &CutOptions) -> usize {
         let around = |tet: &u32| SingleBounds::of_tet(&rest.positions_m, rest.tets[*tet as usize]);
         let boxes: Vec<SingleBounds> = changed.iter().map(around).collect();
@@ -114,12 +115,12 @@ impl Skin {
         let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
         let mut is_changed = vec![false; rest.tets.len()];
         changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
-        let cells = Cells::new(&boxes);
+        let (cells, object_of) = (Cells::new(&boxes), |tet: u32| rest.regions[tet as usize]);
         let is_loose = |vertex: u32| {
-            let spot = Spot::at(&self.rest_m[vertex as usize]);
-            let here = || cells.at(at(&self.rest_m, vertex)).iter();
-            let is_in_one = || box_of_change.has(&spot) && here().any(|index| boxes[*index as usize].has(&spot));
-            is_changed[self.bindings[vertex as usize].tet as usize] || is_in_one()
+            let (spot, tet) = (Spot::at(&self.rest_m[vertex as usize]), self.bindings[vertex as usize].tet);
+            let has_it = |index: &u32| boxes[*index as usize].has(&spot) && object_of(changed[*index as usize]) == object_of(tet);
+            let is_in_one = || box_of_change.has(&spot) && cells.at(at(&self.rest_m, vertex)).iter().any(has_it);
+            is_changed[tet as usize] || is_in_one()
         };
         let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
         // Looks at all three: few triangles have one, and a branch for each vertex takes longer.
