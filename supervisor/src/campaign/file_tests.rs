@@ -192,6 +192,7 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     let faults = |names: &[&str]| -> BTreeSet<usize> { of(names).iter().map(|it| it.faults()).collect() };
     assert_eq!(faults(&OF_EVERY_KIND), [544, 1_176, 1_738, 2_387].into(), "as their heads say");
     assert_eq!(faults(&FOUND_SLOWLY), [168, 264, 528].into(), "as their heads say");
+    assert_eq!(faults(&["full", "cutting"]), [204, 480].into(), "as their heads say");
     let names = [&OF_EVERY_KIND[..], &FOUND_SLOWLY, &["full"]].concat();
     let together: Vec<&Cell> = of(&names).into_iter().flat_map(|it| &it.cells).collect();
     let count = |whom: &str, what: &Injection| -> usize {
@@ -352,6 +353,10 @@ fn the_other_campaigns_are_as_strict_and_bear_some_faults_without_a_verdict() {
             *pairs.entry((cell.injection.kind.name(), cell.role())).or_default() += cell.count;
         }
         assert!(pairs.values().all(|count| *count >= 24), "{}: {pairs:?}", campaign.name);
+        // In a full /dev/shm nobody wants room by himself.
+        let in_full = |cell: &&Cell| cell.with.as_ref().is_some_and(|with| with.kind == FaultKind::ShmFull);
+        let wanting: usize = campaign.cells.iter().filter(in_full).map(|cell| cell.count).sum();
+        assert!(campaign.name != "full" || wanting >= 66, "{wanting}");
         for pool in &campaign.pools {
             let own = campaign.cells.iter().filter(|cell| cell.pool.as_deref() == Some(&pool.name));
             let (count, allowed) = (own.clone().map(|cell| cell.count).sum::<usize>(), own.map(|cell| cell.allowed_misses));
