@@ -71,9 +71,10 @@ pub struct Fault {
     /// CLOCK_MONOTONIC of the same, ns.
     pub injected_ns: u64,
     /// The process died, hung, was continued, or did wrong as it was asked to; of what is done to it from outside, bytes that were flipped and files that
-    /// it cannot open any more: that it was done, whoever noticed.
+    /// it cannot open any more: that it was done, whoever noticed. Of a file system that is filled: that it was full.
     pub manifested: bool,
-    /// `latch`, `pidfd`, `heartbeat`, `guardian`, `growth`, the thread that stood still (`usher` …), or the process that refused its output or did its work.
+    /// `latch`, `pidfd`, `heartbeat`, `guardian`, `growth`, the thread that stood still (`usher` …), or the process that refused its output or did its work, says
+    /// that its disk is full, or died of a full /dev/shm.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,

@@ -258,6 +258,7 @@ impl Faults {
             return self.keep_open();
         }
         if self.find(slot, incarnation).is_none() {
+            self.find_by_death(slot, exit, at_ns);
             self.start(EXTERNAL, slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         self.suspects.remove(&(slot.number(), incarnation));

@@ -80,7 +80,8 @@ fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
     let (small, mount) = small(&folder);
     let fault = "[[fault]]\nkind = \"disk-full\"\ntarget = \"recorder\"\ntick = 5000\nfor = 2.0\n";
     let Some((report, said)) = run_on_small("diskfull", &folder, &mount, &format!("{small}/session.mcap"), fault) else { return };
-    assert_over(&report, "disk-full", &said);
+    let fault = assert_over(&report, "disk-full", &said);
+    assert!(fault["detected_by"] == "recorder" && fault["detected_us"].is_number(), "{fault:#}\n{said}");
     assert!(!said.contains("ballast"), "it is gone: {said}");
     assert_eq!((&report["recording"]["lost"], report["recording"]["stands_still"].is_null()), (&0.into(), true), "{said}");
     let recording = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");

@@ -20,6 +20,8 @@ pub(super) const FIRST_TICK: u64 = STEADY_TICKS + 3_000;
 const MOST_WITH_TICKS: u64 = 40;
 /// The same if the other is a servo's, whose successor is warm after 12 ticks where it takes the least; one that comes late has no verdict.
 const MOST_WITH_SERVO_TICKS: u64 = 8;
+/// A file system that is filled is full after 87 to 162 ms (of 180, 2026-11-29, two cores): what is to come while it is comes after so many ticks.
+const FULL_TICKS: u64 = 200;
 
 /// One fault of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -127,12 +129,16 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
 }
 
 /// How long after the other fault one comes that falls into its recovery. Who is to do wrong itself does it in its next step, and that may have begun: it
-/// has two of them for it, or nothing had happened yet that the second fault could fall into.
+/// has two of them for it, or nothing had happened yet that the second fault could fall into. A file system takes its time to be full.
 fn draw_with_ticks(cell: &Cell, draw: &mut Draw) -> u64 {
     let role = cell.with.as_ref().and_then(|with| Role::from_name(Role::name_in(&with.target)));
     let is_asked = |with: &Injection| with.kind.mischief().is_some() && with.kind.signal().is_none();
-    let least = if cell.with.as_ref().is_some_and(is_asked) { 2 * role.map_or(0, period_ticks) } else { 0 };
-    let most = if role == Some(Role::Haptic) { MOST_WITH_SERVO_TICKS } else { least + MOST_WITH_TICKS };
+    let least = match &cell.with {
+        Some(with) if matches!(with.kind, FaultKind::DiskFull | FaultKind::ShmFull) => FULL_TICKS,
+        Some(with) if is_asked(with) => 2 * role.map_or(0, period_ticks),
+        _ => 0,
+    };
+    let most = if role == Some(Role::Haptic) && least < FULL_TICKS { MOST_WITH_SERVO_TICKS } else { least + MOST_WITH_TICKS };
     draw.between(least.max(1), most)
 }
 
@@ -242,6 +248,7 @@ mod tests {
         let at_once = ["kill tissue:active", "crash-loop tissue:active", "no-files device for=0.5"];
         assert_eq!(at_once.map(drawn), [(1, 40); 3]);
         assert_eq!(drawn("kill haptic:active"), (1, 8));
+        assert_eq!(["shm-full console for=1.0", "shm-full haptic:active for=1.0"].map(drawn), [(200, 240); 2]);
     }
 
     #[test]

@@ -201,6 +201,20 @@ fn bytes_that_nobody_reads_in_one_place_are_not_hidden_by_those_of_another() {
     assert_eq!(judgement.few, ["arm station: corrupt of fluid, page: 0 of 20 showed, fewer than 20"]);
 }
 
+/// Twelve NaNs in the jobs of a tissue stood behind those by all of its outputs, of which there were enough.
+#[test]
+fn lies_by_one_output_and_threads_that_help_are_counted_apart_from_those_of_the_whole_process() {
+    let cell = |kind: &str, count: usize, option: &str| {
+        format!("[[cell]]\nkinds = [\"{kind}\"]\ntargets = [\"tissue:active\"]\ncount = {count}\n{option}\n")
+    };
+    let all = [("nan", 24, ""), ("nan", 12, "output = \"job\""), ("block", 24, ""), ("block", 19, "thread = \"clerk\"")];
+    let text: String = all.into_iter().map(|(kind, count, option)| cell(kind, count, option)).collect();
+    let (campaign, plan, outcomes) = setup(&text);
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let lines = ["block of tissue, thread clerk: 19 of 19", "nan of tissue, output job: 12 of 12"];
+    assert_eq!(judgement.few, lines.map(|line| format!("arm station: {line} showed, fewer than 20")));
+}
+
 #[test]
 fn a_batch_that_is_void_as_a_whole_says_nothing_whatever_came_before_it() {
     let (campaign, plan, mut outcomes) = setup(TEXT);

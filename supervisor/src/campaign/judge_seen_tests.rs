@@ -90,6 +90,22 @@ fn what_is_only_done_from_outside_is_in_no_bound_unless_it_was_noticed() {
     );
 }
 
+/// 72 of them, of which nobody knew, were the bound of what a full /dev/shm costs.
+#[test]
+fn a_full_shared_memory_in_which_nobody_wanted_room_is_in_no_bound() {
+    let cells = "[[cell]]\nkinds = [\"shm-full\"]\ntargets = [\"recorder\"]\ncount = 3\nfor = 1.0\nlimit_upper95 = 1.0\nmay = [\"others-die\"]\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for outcome in &mut outcomes {
+        let fault = outcome.fault.as_mut().unwrap();
+        (fault.detected_by, fault.detected_us) = (String::new(), None);
+    }
+    fault(&mut outcomes, "shm-full recorder for=1.0", 0).detected_by = "fluid:1".into();
+    let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
+    let figures = &judgement.cells[0];
+    assert_eq!((figures.manifested, figures.unnoticed.len(), figures.excess.unwrap().faults), (1, 2, 1));
+    assert_eq!((figures.noticed["fluid:1"], figures.noticed["nothing"], figures.segment.as_str()), (1, 2, "/dev/shm"));
+}
+
 /// A single tick in a window is the host's as often as the fault's; the same in every one of them is not.
 #[test]
 fn faults_that_nobody_noticed_and_that_all_cost_the_hand_a_tick_break_the_promise() {

@@ -1,4 +1,4 @@
-//! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
+//! A campaign's report for a build server: a test case for each cell and pool, and one for stations and campaign as a whole.
 
 use super::advice::advice;
 use super::judge::{Figures, Judgement, Verdict};
@@ -36,11 +36,12 @@ pub fn junit(judgement: &Judgement) -> String {
             case.write(&mut text, &judgement.campaign, &columns(figures));
         }
     }
-    let (arm, name) = ("stations", "nothing invalid, nothing stale, nothing left over");
+    // That too few faults have a verdict, or that the run was stopped, is no station's fault.
+    let (arm, name) = ("campaign", "stations, and the campaign as a whole");
     Case { arm, name, result: mark(Mark::of(verdict_of_all)), reasons: reasons_of_all }.write(
         &mut text,
         &judgement.campaign,
-        &[],
+        &[("faults_without_verdict_share", format!("{:.4}", judgement.void_share))],
     );
     text.push_str("</testsuite>\n</testsuites>\n");
     text
@@ -101,6 +102,7 @@ fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
         [format!("{:.4}", excess.mean), format!("{:.4} to {:.4}", excess.lower95, excess.upper95)]
     });
     let [mean, bounds] = excess;
+    let void_share = |[ticks, voided]: [u64; 2]| format!("{:.4}", voided as f64 / (ticks + voided).max(1) as f64);
     vec![
         ("injected", figures.injected.to_string()),
         ("planned", figures.planned.to_string()),
@@ -112,9 +114,14 @@ fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
         ("recovered_ms_median_and_largest", times(&figures.recovered_ms)),
         ("faults_with_excess_misses_per_fault", mean),
         ("faults_with_excess_misses_per_fault_95", bounds),
+        ("faults_with_excess_misses_limit_95", figures.limit_upper95.map_or("-".into(), |limit| limit.to_string())),
         ("excess_misses_mean", text::mean(figures, " below ")),
+        ("missed_ticks", figures.missed[0].to_string()),
+        ("missed_control_ticks", figures.missed[1].to_string()),
         ("missed_right_after", figures.aftermath[1].to_string()),
         ("allowed_misses", figures.allowed_misses.to_string()),
+        ("void_tick_share", void_share(figures.window_ticks)),
+        ("void_tick_control_share", void_share(figures.control_ticks)),
         ("force_step_max_n", format!("{step_n:.3}")),
         ("force_step_max_control_n", format!("{control_step_n:.3}")),
         ("invalid_or_stale_applied_ticks", figures.wrong.to_string()),

@@ -26,6 +26,10 @@ fn judgement() -> Judgement {
         excess: Some(Excess { faults: 66, worse: 7, better: 3, mean: 0.0606, lower95: 0.0123, upper95: 0.1357 }),
         mean_excess_misses: Some(6.1),
         mean_excess_misses_upper95: Some(7.25),
+        limit_upper95: Some(0.25),
+        missed: [61, 53],
+        window_ticks: [1_800, 200],
+        control_ticks: [1_900, 100],
         aftermath: [300, 13],
         allowed_misses: 17,
         step_max_n: [0.213, 0.087],
@@ -69,7 +73,7 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let text = text::text(&judgement);
     let row = text.lines().find(|line| line.starts_with("kill fluid:active")).unwrap();
     let words: Vec<&str> = row.split_whitespace().collect();
-    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7-3 0.0606 0.1357 - 6.100<7.25 17 - 0.0/0.0 0.213/0.087 29 43 37 held latch 59, 13 of 300 ticks right after the windows missed";
+    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7-3 0.0606 0.1357 0.25 6.100<7.25 17 - 10.0/5.0 0.213/0.087 29 43 37 held latch 59, 13 of 300 ticks right after the windows missed";
     assert_eq!(words.join(" "), expected);
 
     let json = serde_json::to_value(&judgement.cells[0]).unwrap();
@@ -92,9 +96,14 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
         ("recovered_ms_median_and_largest", "310.7/310.7"),
         ("faults_with_excess_misses_per_fault", "0.0606"),
         ("faults_with_excess_misses_per_fault_95", "0.0123 to 0.1357"),
+        ("faults_with_excess_misses_limit_95", "0.25"),
         ("excess_misses_mean", "6.100 below 7.25"),
+        ("missed_ticks", "61"),
+        ("missed_control_ticks", "53"),
         ("missed_right_after", "13"),
         ("allowed_misses", "17"),
+        ("void_tick_share", "0.1000"),
+        ("void_tick_control_share", "0.0500"),
         ("force_step_max_n", "0.213"),
         ("force_step_max_control_n", "0.087"),
         ("invalid_or_stale_applied_ticks", "29"),
@@ -110,7 +119,7 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
         ["71 / 83", "67", "latch 59", "4.7 / 4.7", "8.9 / 8.9", "310.7 / 310.7", "0.0606", "0.0123 … 0.1357", "0.213 / 0.087"];
     cells
         .into_iter()
-        .chain(["6.100 < 7.25", "13 / 300", "17", "29", "43", "37"])
+        .chain(["0.25", "6.100 < 7.25", "61 / 53", "13 / 300", "17", "200 / 100", "29", "43", "37"])
         .for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
     let table = &page[..page.find(row).unwrap()];
     let head = &table[table.rfind("<tr><th>").unwrap()..];
@@ -143,6 +152,17 @@ fn where_no_promise_was_judged_none_is_said_to_have_held() {
         let (text, page) = ends(judgement);
         assert!(text.contains(in_text) && page.contains(on_page), "{in_text}: {text}");
     }
+}
+
+/// It was an error of the case "nothing invalid, nothing stale, nothing left over".
+#[test]
+fn that_too_few_faults_have_a_verdict_is_said_of_the_campaign_as_a_whole() {
+    let unknown = vec!["31 % of the faults are without a verdict, at most 20 % may be".into()];
+    let judgement = Judgement { done: 83, void_share: 0.31, unknown, exit_code: 3, ..judgement() };
+    let junit = junit::junit(&judgement);
+    let case = junit.lines().find(|line| line.contains("31 % of the faults")).unwrap();
+    let share = "<property name=\"faults_without_verdict_share\" value=\"0.3100\"/>";
+    assert_has(case, &["name=\"stations, and the campaign as a whole\"", "<error message=", share]);
 }
 
 #[test]

@@ -40,6 +40,11 @@ impl Output {
         Output::ALL.iter().find(|(_, known)| *known == name).map(|(output, _)| *output)
     }
 
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Output::ALL.iter().find(|(output, _)| *output == self).map_or("", |(_, name)| name)
+    }
+
     /// What its engine is asked.
     pub fn outlet(self) -> Outlet {
         match self {
@@ -115,7 +120,7 @@ mod tests {
             assert!(refused.contains(words), "{} {target} {output:?}: {refused}", kind.name());
         }
         for (output, name) in Output::ALL {
-            assert_eq!(Output::from_name(name), Some(output));
+            assert_eq!((Output::from_name(name), output.name()), (Some(output), name));
             let text = format!("kind = \"nan\"\ntarget = \"tissue\"\ntick = 1\noutput = \"{name}\"\n");
             assert_eq!(toml::from_str::<Injection>(&text).unwrap().output, Some(output));
         }

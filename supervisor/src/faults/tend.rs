@@ -4,6 +4,7 @@ use super::Faults;
 use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::FaultKind;
+use crate::policy::Exit;
 use crate::shortage::{self, FILL_WITHIN_NS};
 use crate::view::Viewer;
 use crate::{mischief, proc, remains};
@@ -31,6 +32,7 @@ impl Faults {
             let Some(slot) = Slot::from_number(fault.slot) else { continue };
             look_at_starts(fault, slot, viewer);
             end_shortage(fault, slot, now_ns, viewer);
+            look_at_complaint(fault, slot, now_ns, viewer);
             if fault.is(FaultKind::Segfault)
                 && let Some(pid) = pid_of(fault, slot, viewer)
             {
@@ -63,6 +65,16 @@ impl Faults {
             viewer.slot_page(slot).filter(|page| page.incarnation() == incarnation).map(|page| page.load64(header::MISCHIEF));
         let of = |fault: &&mut Fault| (fault.slot, fault.incarnation) == (slot.number(), incarnation);
         self.open.faults.iter_mut().filter(of).for_each(|fault| note_done(fault, count.unwrap_or(0)));
+    }
+
+    /// One died to whom nothing was done. Where /dev/shm is full meanwhile it died for want of room, and a full /dev/shm is found by nobody else; but for one
+    /// whom somebody killed.
+    pub(super) fn find_by_death(&mut self, slot: Slot, exit: Exit, at_ns: u64) {
+        let is_full = |fault: &&mut Fault| fault.is(FaultKind::ShmFull) && fault.was_full && fault.ballast.is_some();
+        let was_killed = exit == Exit::Signal(9);
+        for fault in self.open.faults.iter_mut().filter(is_full).filter(|fault| fault.detected_us.is_none() && !was_killed) {
+            fault.found_by(&slot.to_string(), at_ns);
+        }
     }
 
     /// Looks whether the engines that were asked to do wrong do it, whether somebody found them out, and whether it is over.
@@ -137,12 +149,25 @@ fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
     }
 }
 
+/// Looks whether the recorder says that it stands still, whose disk is full: in its page, for whoever keeps the station.
+fn look_at_complaint(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &mut Viewer) {
+    let is_open = fault.is(FaultKind::DiskFull) && fault.was_full && fault.detected_us.is_none() && fault.recovered_us.is_none();
+    // What one that is dead left are its last words, and speak of its death.
+    if !is_open || (viewer.page().incarnation(slot), viewer.page().is_dead(slot)) != (fault.incarnation, false) {
+        return;
+    }
+    if viewer.slot_page(slot).is_some_and(|page| !page.last_words().is_empty()) {
+        fault.found_by(&slot.to_string(), now_ns);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fault::Death;
     use crate::faultfile::Helper;
     use crate::faults::tests::{begin, book};
-    use hyst_exchange::OwnedPage;
+    use hyst_exchange::{OwnedPage, system};
     use hyst_messages::mischief::{Distrust, Thread};
     use hyst_messages::page::station as layout;
 
@@ -197,5 +222,50 @@ mod tests {
         assert_eq!(shown(7, 2), [false; 2], "as often as before");
         assert_eq!(shown(6, 3), [false; 2], "another one");
         assert_eq!(shown(7, 3), [true, false]);
+    }
+
+    /// The recorder said so to the operator, and the fault was found by nobody.
+    #[test]
+    fn a_disk_that_is_full_is_found_by_the_recorder_which_says_that_it_stands_still() {
+        let (station, mut faults) = book("stands");
+        let page = station.open_for_keeping().unwrap();
+        let slot = Slot::first(Role::Recorder);
+        let own = begin(&station, &page, slot, 7);
+        let mut viewer = Viewer::open(&station).unwrap();
+        let now_ns = system::now_ns();
+        for (incarnation, was_full) in [(7, true), (7, false), (6, true)] {
+            faults.start("disk-full", slot, incarnation, now_ns - 3_000_000).was_full = was_full;
+        }
+        let mut found = |faults: &mut Faults| {
+            faults.tend(now_ns, &mut viewer);
+            faults.all().map(|fault| (fault.detected_by.clone(), fault.detected_us)).collect::<Vec<_>>()
+        };
+        let nobody = (String::new(), None);
+        assert_eq!(found(&mut faults), vec![nobody.clone(); 3]);
+        own.last_words("no room for the recording");
+        let recorder = ("recorder".to_string(), Some(3_000.0));
+        assert_eq!(found(&mut faults), [recorder, nobody.clone(), nobody], "not before it is full, and of this life alone");
+    }
+
+    #[test]
+    fn a_shared_memory_that_is_full_is_found_by_who_dies_in_it_of_nothing_else() {
+        let (_station, mut faults) = book("want");
+        let [tissue, fluid, recorder] = [Role::Tissue, Role::Fluid, Role::Recorder].map(Slot::first);
+        for (was_full, ballast) in [(true, Some((std::path::PathBuf::from("/nowhere"), u64::MAX))), (true, None), (false, None)] {
+            let fault = faults.start("shm-full", recorder, 7, 1_000);
+            (fault.was_full, fault.ballast) = (was_full, ballast);
+        }
+        faults.start("segfault", tissue, 8, 2_000);
+        let mut found_after = |slot: Slot, incarnation: u32, exit: Exit, at_ns: u64| {
+            faults.died(slot, incarnation, exit, Death { at_ns, open_ns: None, beat_ns: at_ns });
+            let full = faults.all().filter(|fault| fault.is(FaultKind::ShmFull));
+            full.map(|fault| (fault.detected_by.clone(), fault.detected_us)).collect::<Vec<_>>()
+        };
+        let nobody = (String::new(), None);
+        assert_eq!(found_after(tissue, 8, Exit::Signal(11), 3_000), vec![nobody.clone(); 3], "of its own fault");
+        assert_eq!(found_after(fluid, 9, Exit::Signal(9), 4_000), vec![nobody.clone(); 3], "somebody killed it");
+        let by_tissue = (tissue.to_string(), Some(5.0));
+        assert_eq!(found_after(tissue, 10, Exit::Code(1), 6_000), [by_tissue.clone(), nobody.clone(), nobody.clone()]);
+        assert_eq!(found_after(fluid, 11, Exit::Code(1), 9_000), [by_tissue, nobody.clone(), nobody], "the first of them");
     }
 }

@@ -1,6 +1,6 @@
-//! What was noticed of a fault: who found a lie, and whether anybody saw what is done to a process from outside. That bytes were flipped, or a limit lowered, is no
-//! sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound. What all of those together cost the hand is
-//! compared with their controls, and can break a promise.
+//! What was noticed of a fault: who found a lie, and whether anybody saw what is done to a process from outside. That bytes were flipped, a limit lowered, or
+//! /dev/shm filled, is no sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound. What all of those together
+//! cost the hand is compared with their controls, and can break a promise.
 
 use super::blame::Sequel;
 use super::figures::Figures;
@@ -15,9 +15,18 @@ use hyst_messages::Role;
 /// may lie at the end of the lie, where nobody has had time.
 const LEAST_TOUCHING: u32 = 20;
 
-/// Whether a kind is done to a process that need not notice.
+/// Whether a kind is done to a process, or to all of them, and none need notice.
 pub(super) fn is_done_from_outside(cell: &Cell) -> bool {
-    matches!(cell.injection.kind, FaultKind::Corrupt | FaultKind::NoFiles)
+    matches!(cell.injection.kind, FaultKind::Corrupt | FaultKind::NoFiles | FaultKind::ShmFull)
+}
+
+/// Where such a fault is done.
+fn segment(cell: &Cell) -> &'static str {
+    match (cell.injection.place, cell.injection.kind) {
+        (Some(place), _) => place.name(),
+        (None, FaultKind::ShmFull) => "/dev/shm",
+        (None, _) => "open files",
+    }
 }
 
 /// By whom a fault that was done from outside was noticed, and what it cost, or what became of it: `true` if it was noticed.
@@ -64,7 +73,7 @@ impl Figures {
     pub(super) fn take_notice(&mut self, cell: &Cell, fault: &Fault, index: usize, sequel: Sequel, has_ended: bool) -> bool {
         let (was_noticed, by) = notice(fault, sequel, has_ended);
         *self.noticed.entry(by).or_default() += 1;
-        self.segment = cell.injection.place.map_or("open files", |place| place.name()).into();
+        self.segment = segment(cell).into();
         if !was_noticed {
             self.unnoticed.push(index);
         }
