@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// Faults on purpose.
 #[derive(Debug, Subcommand)]
 pub enum FaultCommand {
-    /// List the kinds of faults, and to whom each can be done.
+    /// List the kinds of faults, to whom each can be done, for how long, and what can be given with it.
     List {
         /// As JSON, with the options of each kind, and with places, outputs, threads and states.
         #[arg(long)]

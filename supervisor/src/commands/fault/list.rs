@@ -93,6 +93,9 @@ fn row(head: &str, text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::Cli;
+    use crate::faultfile::{DEFAULT_BYTES, DEFAULT_TIMES, default_rate};
+    use clap::Parser;
 
     /// The text with one blank between two words, so that a break is none.
     fn flowing() -> String {
@@ -143,6 +146,21 @@ mod tests {
             (FaultKind::CrashLoop, "(without --for until so many have died)"),
         ] {
             assert!(kind.told().ends_with(words), "{}", kind.told());
+        }
+    }
+
+    #[test]
+    fn the_help_of_inject_says_what_stands_for_what_is_left_out() {
+        let help = Cli::try_parse_from(["hystation", "fault", "inject", "--help"]).unwrap_err().to_string();
+        let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped
+        let [memory, files] = [FaultKind::LeakMemory, FaultKind::LeakFiles].map(default_rate);
+        for words in [
+            "Default: until it is replaced, or undone".to_string(),
+            format!("MiB per second. Default: {memory}. leak-files: files per second. Default: {files}"),
+            format!("how many successors die, 1 to 20. Default: {DEFAULT_TIMES}"),
+            format!("how many bytes. Default: {DEFAULT_BYTES}"),
+        ] {
+            assert!(help.contains(&words), "{words}: {help}");
         }
     }
 
