@@ -179,3 +179,28 @@ fn what_a_run_left_is_the_last_faults_who_had_it() {
         judgement.cells.iter().map(|cell| if cell.name == *last { cell.leftovers } else { 6 - cell.leftovers }).collect();
     assert_eq!((left, judgement.broken.len()), (vec![6, 6], 1), "{judgement:?}");
 }
+
+/// A column was called by another name than its own, and what most keys of the JSON are was written nowhere.
+#[test]
+fn the_handbook_has_each_column_of_the_text_and_each_key_of_the_json() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/handbook.md");
+    let handbook = std::fs::read_to_string(path).unwrap();
+    let (_, section) = handbook.split_once("### Many faults").unwrap();
+    let (section, _) = section.split_once("### What a campaign says").unwrap();
+    let (columns, keys) = section.split_once("#### The keys of report.json").unwrap();
+    let judgement = judgement();
+    let text = text::text(&judgement);
+    let head = text.lines().find(|line| line.starts_with("cell: ")).unwrap();
+    let is_said = |text: &str, name: &str| text.contains(&format!("`{name}`"));
+    for name in
+        ["injected", "found", "+/- miss", "misses<95 %", "allowed", "+/- void", "void %", "step/N", "wrong", "lost", "left"]
+    {
+        assert!(head.contains(name) && is_said(columns, name), "{name}: {head}");
+    }
+    let json = serde_json::to_value(&judgement).unwrap();
+    for object in [&json, &json["cells"][0], &json["cells"][0]["excess"], &json["origins"][0]] {
+        for key in object.as_object().unwrap().keys() {
+            assert!(is_said(keys, key), "{key} is not in the handbook");
+        }
+    }
+}

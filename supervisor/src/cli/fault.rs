@@ -7,9 +7,9 @@ use std::path::PathBuf;
 /// Faults on purpose.
 #[derive(Debug, Subcommand)]
 pub enum FaultCommand {
-    /// List the kinds of faults, and to whom each can be done.
+    /// List the kinds of faults, to whom each can be done, for how long, and what can be given with it.
     List {
-        /// As JSON, with the options of each kind, and with places, outputs and states.
+        /// As JSON, with the options of each kind, and with places, outputs, threads and states.
         #[arg(long)]
         json: bool,
     },
@@ -28,7 +28,8 @@ pub struct InjectArgs {
     pub kind: String,
     /// Who is hit: PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
     pub target: String,
-    /// How long it lasts: a stopped process is continued then, and any other ends what it was asked to do.
+    /// How long it lasts: a stopped process is continued then, and any other ends what it was asked to do. Default: until it is replaced, or undone by
+    /// `fault inject undo`; `fault list` says it of each kind. slow, no-files, disk-full and shm-full need it, and what is done once takes none.
     #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub for_s: Option<f64>,
     /// Do it at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead. Default: now.
@@ -43,19 +44,19 @@ pub struct InjectArgs {
     /// With --state: wait so long at most. Default: 1m.
     #[arg(long = "within", value_name = "TIME", requires = "state", value_parser = seconds)]
     pub within_s: Option<f64>,
-    /// slow: each step takes so many times as long, 1 to 100.
+    /// slow: each step takes so many times as long, 1 to 100. Default: 1, with --extra.
     #[arg(long)]
     pub factor: Option<f64>,
-    /// slow: and this much longer: 500us, 2ms.
+    /// slow: and this much longer: 500us, 2ms. Default: 0, with --factor.
     #[arg(long = "extra", value_name = "TIME", value_parser = seconds)]
     pub extra_s: Option<f64>,
-    /// slow: what is added varies by this share of it, 0 to 1.
+    /// slow: what is added varies by this share of it, 0 to 1. Default: 0.
     #[arg(long)]
     pub jitter: Option<f64>,
-    /// leak-memory: MiB per second; leak-files: files per second.
+    /// leak-memory: MiB per second. Default: 32. leak-files: files per second. Default: 60.
     #[arg(long)]
     pub rate: Option<f64>,
-    /// crash-loop: how many successors die, 1 to 20.
+    /// crash-loop: how many successors die, 1 to 20. Default: 3.
     #[arg(long)]
     pub times: Option<u32>,
     /// nan, frozen and other lies: by this output alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
@@ -67,7 +68,7 @@ pub struct InjectArgs {
     /// corrupt: where bytes flip: page, stream, link, checkpoint, station or roster.
     #[arg(long = "where", value_name = "PLACE")]
     pub place: Option<String>,
-    /// corrupt: how many bytes.
+    /// corrupt: how many bytes. Default: 16.
     #[arg(long)]
     pub bytes: Option<u32>,
     /// corrupt: the seed that the bytes are drawn from. Default: another one each time, which the events say.

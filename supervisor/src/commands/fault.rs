@@ -5,10 +5,10 @@
 
 #[cfg(test)]
 mod documented;
+mod list;
 mod state;
 
 use super::INTERRUPTED;
-use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
 use crate::doing::Wanted;
@@ -19,49 +19,23 @@ use crate::struck::Struck;
 use crate::swap::Record;
 use crate::{keepers, shortage, warn};
 use hyst_exchange::{Station, StationPage, system};
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// Lists the kinds, injects one, or many by a campaign.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     match command {
         FaultCommand::List { json: true } => {
-            println!("{:#}", list_json());
+            println!("{:#}", list::json());
             Ok(0)
         }
         FaultCommand::List { json: false } => {
-            print!("{}", list());
+            print!("{}", list::text());
             Ok(0)
         }
         FaultCommand::Campaign(args) => crate::campaign::run(station.name(), &args),
         FaultCommand::Inject(args) => inject(station, &args),
     }
 }
-
-/// The kinds, to whom each can be done, and what it does.
-fn list() -> String {
-    let kinds = FaultKind::ALL.map(|(kind, name, text)| (name, kind.targets(), text));
-    let width = kinds.iter().map(|(_, targets, _)| targets.len()).max().unwrap_or(0);
-    let head = ("kind", "of".to_string(), "what it does");
-    let lines = [head]
-        .iter()
-        .chain(&kinds)
-        .map(|(name, targets, text)| format!("{name:<11} {targets:<width$}  {text}\n"))
-        .collect::<String>();
-    lines + KEEPERS
-}
-
-/// The same for programs, with what else a fault can be given.
-fn list_json() -> Value {
-    let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
-    let states: Vec<&str> = State::ALL.iter().map(|(_, name)| *name).collect();
-    let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
-    let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
-    json!({ "kinds": FaultKind::described(), "places": places, "outputs": outputs, "threads": threads, "states": states })
-}
-
-/// Why those who keep the station take so few.
-const KEEPERS: &str = "\nSupervisor and guardian take what is done from outside: a signal, or a limit that is lowered (oom: it is lowered, and nobody asks \
-                       them to take more).\nAll else an engine does because it is asked to, in its steps or beside them; they make none, and are not asked.\n";
 
 /// A fault is asked for this long before its tick, ns: less than the supervisor waits for one.
 const ASK_AHEAD_NS: u64 = 40_000_000;
@@ -220,6 +194,7 @@ mod tests {
     use crate::moment::MOST_AHEAD_NS;
     use clap::Parser;
     use hyst_messages::TICK_NS;
+    use serde_json::Value;
 
     #[test]
     fn a_tick_is_a_number_that_comes_or_a_distance_and_anything_else_is_refused() {
@@ -262,26 +237,6 @@ mod tests {
         assert!(came(2).ends_with("us into it; in state contact"), "{}", came(2));
         assert!(came(0).ends_with("no longer in state contact"), "{}", came(0));
         assert_eq!(told(&waits, wanted, Some(&struck)), struck.line("kill"), "nobody says what the station was doing");
-    }
-
-    #[test]
-    fn programs_are_told_whom_each_kind_can_be_done_to_and_what_it_takes() {
-        let listed = list_json();
-        let kind = |name: &str| listed["kinds"].as_array().unwrap().iter().find(|kind| kind["name"] == name).cloned().unwrap();
-        assert_eq!(kind("disk-full")["targets"], json!(["recorder"]));
-        assert_eq!(
-            (&kind("slow")["options"], &kind("slow")["needs_for"]),
-            (&json!(["for", "factor", "extra", "jitter"]), &json!(true))
-        );
-        assert_eq!(kind("corrupt")["options"], json!(["where", "bytes", "seed"]));
-        assert_eq!(kind("nan")["options"], json!(["for", "output"]));
-        assert!(
-            kind("kill")["targets"]
-                .as_array()
-                .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
-        );
-        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
-        assert_eq!((&listed["places"][0], &listed["outputs"][0]), (&json!("page"), &json!("state")));
     }
 
     /// What the supervisor refuses ended with 1, as what failed.

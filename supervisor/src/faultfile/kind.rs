@@ -84,7 +84,7 @@ impl FaultKind {
     /// All kinds with what they do.
     pub const ALL: [(FaultKind, &'static str, &'static str); 33] = [
         (FaultKind::Kill, "kill", "SIGKILL: the process is gone at once"),
-        (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives (default: never)"),
+        (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives"),
         (FaultKind::Cont, "cont", "SIGCONT: a stopped process goes on as a zombie of its former self"),
         (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
         (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
@@ -95,11 +95,7 @@ impl FaultKind {
             "the thread of its steps waits; its heartbeat stands still. Or a --thread that helps it (usher, drain, keeper, clerk): found by the engine \
              itself after 5 s, handed over and replaced",
         ),
-        (
-            FaultKind::Slow,
-            "slow",
-            "each step takes --factor times as long and --extra longer, give or take --jitter of that; needs --for",
-        ),
+        (FaultKind::Slow, "slow", "each step takes --factor times as long and --extra longer, give or take --jitter of that"),
         (FaultKind::Exit0, "exit0", "it ends with exit code 0, unasked"),
         (FaultKind::Exit1, "exit1", "it ends with exit code 1"),
         (FaultKind::Panic, "panic", "the thread of its steps panics"),
@@ -142,16 +138,8 @@ impl FaultKind {
             "oom",
             "its memory is limited to what it has (RLIMIT_AS), and it takes more until the allocator gives up",
         ),
-        (
-            FaultKind::NoFiles,
-            "no-files",
-            "it can open no file more (RLIMIT_NOFILE), no newcomer's page and stream either; needs --for",
-        ),
-        (
-            FaultKind::HangStart,
-            "hang-start",
-            "SIGKILL, and its successor hangs in its start: for --for, or until it is found (30 s; an ordinary process 180 s)",
-        ),
+        (FaultKind::NoFiles, "no-files", "it can open no file more (RLIMIT_NOFILE), no newcomer's page and stream either"),
+        (FaultKind::HangStart, "hang-start", "SIGKILL, and its successor hangs in its start"),
         (
             FaultKind::CrashLoop,
             "crash-loop",
@@ -166,13 +154,14 @@ impl FaultKind {
         (
             FaultKind::DiskFull,
             "disk-full",
-            "of the recorder: a ballast fills the file system of the recording and holds it full; needs --for, and at most 1 GiB free there",
+            "a ballast fills the file system of the recording and holds it full; at most 1 GiB may be free there. The recorder is hurt by it, and it is \
+             booked as its fault",
         ),
         (
             FaultKind::ShmFull,
             "shm-full",
-            "a ballast fills /dev/shm and holds it full, whichever process is named; needs --for, and at most 1 GiB free there (`unshare -m`, a \
-             tmpfs of its own)",
+            "a ballast fills /dev/shm and holds it full, for all: the target only names whose fault it is booked as, and by whom `undo` finds it; at \
+             most 1 GiB may be free there (`unshare -m`, a tmpfs of its own)",
         ),
         (FaultKind::Undo, "undo", "whatever was done to it for a time ends: what it was asked to do, a limit, a ballast"),
     ];
@@ -182,12 +171,31 @@ impl FaultKind {
     }
     /// All kinds for who offers them to somebody: name, what it does, roles that can be its target, options, whether it needs a duration.
     pub fn described() -> Value {
-        let described = |(kind, name, text): (FaultKind, &str, &str)| {
+        let described = |(kind, name, _): (FaultKind, &str, &str)| {
             let (targets, options) = (kind.roles(), kind.options());
-            json!({ "name": name, "text": text, "targets": targets, "options": options, "needs_for": kind.needs_duration() })
+            json!({ "name": name, "text": kind.told(), "targets": targets, "options": options, "needs_for": kind.needs_duration() })
         };
         FaultKind::ALL.into_iter().map(described).collect()
     }
+    /// What it does, and for how long if nobody says so.
+    pub fn told(self) -> String {
+        let text = FaultKind::ALL.iter().find(|(kind, _, _)| *kind == self).map_or("", |(_, _, text)| text);
+        format!("{text} ({})", self.without_duration())
+    }
+
+    /// How long it lasts without a duration.
+    fn without_duration(self) -> &'static str {
+        match self {
+            _ if self.needs_duration() => "needs --for",
+            _ if !self.takes_duration() => "once",
+            FaultKind::Poison | FaultKind::Doom => "without --for until undone",
+            FaultKind::Oom | FaultKind::LeakLoans => "without --for until it ends or is undone",
+            FaultKind::HangStart => "without --for until that one is found: after 30 s, an ordinary process after 180 s",
+            FaultKind::CrashLoop => "without --for until so many have died",
+            _ => "without --for until replaced or undone",
+        }
+    }
+
     /// What the process is asked to do itself.
     pub fn mischief(self) -> Option<Mischief> {
         Some(match self {

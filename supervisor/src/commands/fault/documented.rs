@@ -1,6 +1,7 @@
 //! What README, handbook and the pages about faults, engines and drivers show of this program is what it takes.
 
 use super::{Place, injection};
+use crate::campaign;
 use crate::cli::{Cli, Command, FaultCommand, InjectArgs};
 use crate::doing::Wanted;
 use clap::Parser;
@@ -35,6 +36,13 @@ fn blocks(text: &str) -> Vec<Vec<String>> {
     inside.map(|block| block.lines().filter_map(call).collect()).collect()
 }
 
+/// Whether a campaign's file lies in the repository, or is one that the document itself shows: a block that names it in its first line.
+fn is_a_campaign(file: &Path, text: &str) -> bool {
+    let head = format!("toml\n# {}\n", file.display());
+    let shown = text.split("\n```").find_map(|block| block.strip_prefix(&head));
+    shown.map_or_else(|| root().join(file).is_file(), |shown| campaign::file::parse("shown", shown).is_ok())
+}
+
 fn is_a_fault(args: &InjectArgs) -> bool {
     let is_place = args.place.as_deref().is_none_or(|place| Place::from_name(place).is_some());
     let is_state = args.state.as_deref().is_none_or(|word| Wanted::parse(word).is_ok());
@@ -61,7 +69,7 @@ fn each_command_that_the_documents_show_is_taken() {
                         assert!(!never, "{name}: {line}: the hand of that block cuts nothing");
                     }
                     Command::Fault { command: FaultCommand::Campaign(args) } => {
-                        assert!(root().join(&args.file).is_file(), "{name}: {line}: there is no such file");
+                        assert!(is_a_campaign(&args.file, &text), "{name}: {line}: there is no such file");
                     }
                     _ => {}
                 }
@@ -75,4 +83,17 @@ fn each_command_that_the_documents_show_is_taken() {
 fn a_block_is_what_lies_between_its_fences() {
     let text = "a\n```\nhystation status   # who\nls\n```\nhystation dance\n```toml\nx\n```\n";
     assert_eq!(blocks(text), [vec!["hystation status".to_string()], Vec::new()]);
+}
+
+#[test]
+fn a_campaign_is_one_of_the_repository_or_one_that_the_document_shows_and_that_is_read() {
+    let shown = |count: &str| {
+        format!("a\n```toml\n# out/own.toml\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\"]\ncount = {count}\n```\nb\n")
+    };
+    let is = |file: &str, text: &str| is_a_campaign(Path::new(file), text);
+    assert_eq!(
+        [is("out/own.toml", &shown("3")), is("out/own.toml", &shown("none")), is("out/own.toml", "a\n")],
+        [true, false, false]
+    );
+    assert_eq!([is("assets/campaigns/quick.toml", "a\n"), is("out/other.toml", &shown("3"))], [true, false]);
 }
