@@ -280,7 +280,7 @@ mod tests {
                 .as_array()
                 .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
         );
-        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
+        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap", "handover"]));
         assert_eq!((&listed["places"][0], &listed["outputs"][0]), (&json!("page"), &json!("state")));
     }
 
