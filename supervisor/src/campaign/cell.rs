@@ -103,7 +103,8 @@ pub struct Group {
     /// Half of those that hang are to be found within this time, above 0 to 60 000 ms. Default: that is not judged.
     found_ms: Option<f64>,
     /// Of state recovery: the fault in whose recovery this one comes, as KIND TARGET and options. Default: a kill of the tissue, of a servo where the tissue
-    /// is the target. Of state handover: the one for which a role is handed over. Default: its holder's usher is blocked, the tissue's if the target is no such role.
+    /// is the target. Of state handover: the one for which a role is handed over. Default: its holder's usher is blocked, of a target that hands nothing over the
+    /// tissue's.
     with: Option<String>,
     /// Of state swap: the role that is swapped meanwhile. Default: fluid.
     swap: Option<String>,

@@ -1,6 +1,6 @@
 //! One fault of a plan again, alone in a station of its own, at the tick and phase at which it was injected if the folder knows them, else at the drawn ones;
-//! one in a swap after the same stage of it, so many ticks later, and at that phase; one in a hand-over so many ticks after that is seen. Judged as in its campaign, but for the bounds, of which one fault says
-//! nothing.
+//! one in a swap after the same stage of it, so many ticks later, and at that phase; one in a hand-over so many ticks after that is seen. Judged as in its
+//! campaign, but for the bounds, of which one fault says nothing.
 
 use super::cell::{Cell, State};
 use super::draw::Entry;
