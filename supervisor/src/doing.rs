@@ -25,6 +25,8 @@ pub struct Doing {
     pub cutting: bool,
     /// The role of the swap that is under way.
     pub swap: Option<String>,
+    /// The roles that are handed over by themselves.
+    pub handover: Vec<String>,
 }
 
 impl Doing {
@@ -40,6 +42,11 @@ impl Doing {
             contacts: status.map(|status| status.contact_count),
             cutting: status.is_some_and(|status| status.is_cutting != 0),
             swap,
+            handover: Role::REPLICATED
+                .into_iter()
+                .filter(|role| is_handed_over(*role, viewer))
+                .map(|role| role.name().into())
+                .collect(),
         }
     }
 
@@ -83,24 +90,40 @@ impl Strokes {
 
 /// Whether a place that is not well has lost somebody, and another one is to come.
 fn comes_back(slot: Slot, viewer: &Viewer) -> bool {
-    let (page, at) = (viewer.page(), slot.number());
-    let has_lost = page.is_dead(slot) || page.page().load64(layout::SLOT_RESTARTS + at) > 0;
-    has_lost && !policy::Record::of_word(page.page().load32(layout::SLOT_RECORD + at)).given_up
+    let page = viewer.page();
+    let has_lost = page.is_dead(slot) || page.page().load64(layout::SLOT_RESTARTS + slot.number()) > 0;
+    has_lost && !record(slot, viewer).given_up
+}
+
+/// Whether who does a role's work is to be replaced, or was, and nobody is ready in its place yet. Of servos either of the two.
+pub fn is_handed_over(role: Role, viewer: &Viewer) -> bool {
+    let slots = (0..role.slots().1).filter_map(|index| Slot::new(role, index));
+    slots.filter(|slot| !slot.is_guest()).any(|slot| record(slot, viewer).hands_over)
+}
+
+/// What the supervisor remembers of a place.
+fn record(slot: Slot, viewer: &Viewer) -> policy::Record {
+    policy::Record::of_word(viewer.page().page().load32(layout::SLOT_RECORD + slot.number()))
 }
 
 /// The state that a tester waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     state: State,
-    /// In a swap: of this role alone.
+    /// In a swap or a hand-over: of this role alone.
     role: Option<Role>,
 }
 
 impl Wanted {
-    /// Reads `contact`, `swap`, or `swap:fluid`.
+    /// Reads `contact`, `swap`, `swap:fluid`, or `handover:tissue`.
     pub fn parse(text: &str) -> Result<Wanted, String> {
         match text.split_once(':') {
             Some(("swap", role)) => Ok(Wanted { state: State::Swap, role: Some(swap::role_of(role)?) }),
+            Some(("handover", name)) => {
+                let role = Role::REPLICATED.into_iter().find(|role| role.name() == name);
+                let role = role.ok_or_else(|| format!("{name:?}: there is a hand-over of haptic, tissue or fluid"))?;
+                Ok(Wanted { state: State::Handover, role: Some(role) })
+            }
             _ => Ok(Wanted { state: State::parse(text)?, role: None }),
         }
     }
@@ -113,8 +136,13 @@ impl Wanted {
             State::Contact => doing.whole && doing.contacts.is_some_and(|contacts| contacts > 0),
             State::Cutting => doing.whole && doing.cutting,
             State::Recovery => doing.recovers,
-            State::Swap => doing.swap.as_deref().is_some_and(|swapped| self.role.is_none_or(|role| role.name() == swapped)),
+            State::Swap => doing.swap.as_deref().is_some_and(|swapped| self.is_of(swapped)),
+            State::Handover => doing.handover.iter().any(|handed| self.is_of(handed)),
         }
+    }
+
+    fn is_of(self, name: &str) -> bool {
+        self.role.is_none_or(|role| role.name() == name)
     }
 }
 
@@ -125,7 +153,7 @@ mod tests {
     use hyst_messages::page::ProcessState;
 
     #[test]
-    fn a_state_is_waited_for_by_its_name_and_a_swap_by_its_role_too() {
+    fn a_state_is_waited_for_by_its_name_and_a_swap_or_a_hand_over_by_its_role_too() {
         let is_in = |text: &str, doing: &Doing| Wanted::parse(text).unwrap().is_in(doing);
         let touches = Doing { whole: true, contacts: Some(2), swap: Some("fluid".into()), ..Doing::default() };
         let names = ["any", "idle", "contact", "cutting", "recovery", "swap", "swap:fluid", "swap:tissue"];
@@ -135,7 +163,11 @@ mod tests {
         assert_eq!(found(&hurt), [true, false, false, false, true, false, false, false]);
         let silent = Doing { whole: true, ..Doing::default() };
         assert_eq!([is_in("idle", &silent), is_in("contact", &silent)], [false; 2], "no tissue has said anything");
-        for bad in ["dancing", "swap:", "swap:liver", "swap:supervisor", "contact:fluid"] {
+        let names = ["handover", "handover:tissue", "handover:haptic", "recovery"];
+        let handed = Doing { handover: vec!["fluid".into(), "tissue".into()], ..Doing::default() };
+        assert_eq!(names.map(|name| is_in(name, &handed)), [true, true, false, false]);
+        assert_eq!(names.map(|name| is_in(name, &hurt)), [false, false, false, true]);
+        for bad in ["dancing", "swap:", "swap:liver", "swap:supervisor", "contact:fluid", "handover:", "handover:device"] {
             assert!(Wanted::parse(bad).is_err(), "{bad}");
         }
     }
@@ -173,8 +205,13 @@ mod tests {
         let second = slots[1].number();
         page.store32(layout::SLOT_DEAD + second, 1);
         assert_eq!(seen(), (false, true));
-        page.store32(layout::SLOT_RECORD + second, policy::Record { short_lives: 8, given_up: true }.word());
+        let remember = |record: policy::Record| page.store32(layout::SLOT_RECORD + second, record.word());
+        remember(policy::Record { short_lives: 8, given_up: true, ..policy::Record::default() });
         assert_eq!(seen(), (false, false), "nobody is to come");
+        let is_handed = || [Role::Haptic, Role::Tissue].map(|role| is_handed_over(role, &Viewer::open(&station).unwrap()));
+        assert_eq!(is_handed(), [false; 2]);
+        remember(policy::Record { short_lives: 8, hands_over: true, ..policy::Record::default() });
+        assert_eq!((seen(), is_handed()), ((false, true), [false, true]), "who had the role is to come back");
         station.wipe();
     }
 }

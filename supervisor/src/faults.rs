@@ -272,7 +272,20 @@ impl Faults {
                 fault.found_by(by, at_ns);
             }
         }
+        self.end_of_found(slot, incarnation, exit);
         self.keep_open();
+    }
+
+    /// What a process was to be replaced for is over with it, too, whatever it died of in the end: a successor ends that.
+    fn end_of_found(&mut self, slot: Slot, incarnation: u32, exit: Exit) {
+        let of = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, false);
+        let is_found = |fault: &&mut Fault| {
+            let lasts = fault.asked.is_some_and(|(until_ns, _)| until_ns == 0);
+            lasts && fault.detected_us.is_some() && fault.recovered_us.is_none()
+        };
+        for fault in self.open.faults.iter_mut().filter(of).filter(is_found) {
+            (fault.dead, fault.exit) = (true, exit.to_string());
+        }
     }
 
     /// Reads the hardware's ledger and closes the faults whose windows are complete.

@@ -126,6 +126,7 @@ fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Ac
     };
     place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
     place.was_ready = true;
+    place.hands_over = false;
     place.serves = if slot.role() == Role::Haptic { place.serves } else { incarnation };
     swap::ready(now_ns, slot, incarnation, state)
 }
@@ -151,6 +152,8 @@ fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, stat
     for ((slot, incarnation), ready_ns) in ready.chain(warming.into_iter().map(|found| (found, None))) {
         if let Some(place) = state.places.get_mut(&slot) {
             place.life = Life::Alive { incarnation, ready_ns };
+            // Who is to be replaced is told of again.
+            place.hands_over &= ready_ns.is_none();
             // Whether a servo has left its shadow is told at the first look.
             place.serves = if ready_ns.is_some() && slot.role() != Role::Haptic { incarnation } else { 0 };
         }
@@ -162,11 +165,14 @@ fn unfit(now_ns: u64, slot: Slot, incarnation: u32, reason: &str, state: &mut St
     if !undone.is_empty() || slot.is_guest() {
         return undone;
     }
+    // Of two servos, which compute side by side, it is not known here whom the device follows.
+    let does_the_work = state.ladders.get(&slot.role()).is_none_or(|ladder| ladder.holder() == incarnation);
     if let Some(place) = state.places.get_mut(&slot)
         && place.leaving.is_none()
         && matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation)
     {
         place.leaving = Some((incarnation, now_ns, false));
+        place.hands_over = slot.role().is_replicated() && does_the_work;
     }
     relieve(now_ns, state)
 }

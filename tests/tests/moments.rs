@@ -2,6 +2,7 @@
 
 use hyst_exchange::system;
 use hyst_messages::TICK_NS;
+use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, hystation, run, wait_for};
 
@@ -10,6 +11,8 @@ const PHASE_US: u64 = 300;
 /// The file's tick, by which the station is to be whole; that of the command line is so long after it is asked for.
 const AT_TICK: u64 = 12_000;
 const LATER_TICKS: u64 = 1_500;
+/// With a phase it comes so long after the state did, as the documents say.
+const AFTER_STATE_TICKS: u64 = 40;
 /// A fault that comes later than this was kept off by the machine.
 const LATE_TICKS: u64 = 200;
 
@@ -85,14 +88,33 @@ fn a_fault_waits_for_the_state_that_a_tester_names() {
         };
         assert!(wait_for(RECOVERY_LIMIT, is_so).is_some(), "{state}: {}", station.said());
     }
+    // With a phase it comes in a later tick, and the state may have gone by then.
+    let clock = station.clock();
+    let at_phase = || {
+        let asked_tick = clock.tick_at(system::now_ns());
+        let (code, told, said) = run(inject("haptic:spare", "contact").args(["--phase", "300", "--json"]));
+        let told: Value = serde_json::from_str(&told).unwrap_or_else(|error| panic!("{code:?} {error}: {told} {said}"));
+        assert!(code == Some(0) && told["state"] == "contact" && told["held"].is_boolean(), "{code:?} {told:#} {said}");
+        let tick = told["struck"]["tick"].as_u64().expect("a tick");
+        assert!(tick >= asked_tick + AFTER_STATE_TICKS, "asked for at {asked_tick}: {told:#}");
+        station.recover();
+        let is_in_time = told["struck"]["phase_us"].as_u64().is_some_and(|phase_us| phase_us >= PHASE_US);
+        (told["held"] == true && is_in_time).then_some(())
+    };
+    assert!(wait_for(RECOVERY_LIMIT, at_phase).is_some(), "{}", station.said());
     // The second one comes in the recovery from the first.
     station.inject("kill tissue:spare");
     let (code, _, said) = run(&mut inject("haptic:spare", "recovery"));
     assert_eq!(code, Some(0), "{said}");
     station.recover();
     let (code, _, said) = run(&mut inject("haptic:spare", "dancing"));
-    assert!(code == Some(2) && said.contains("cutting, recovery and swap"), "{code:?} {said}");
-    // This hand cuts nothing; who waits for that ends with the station.
+    assert!(code == Some(2) && said.contains("cutting, recovery, swap and handover"), "{code:?} {said}");
+    // This hand cuts nothing, and nobody swaps: who waits for that is told so in time, and nobody is hurt.
+    for state in ["cutting", "swap:fluid", "handover"] {
+        let (code, told, said) = run(inject("tissue:active", state).args(["--within", "300ms"]));
+        assert!(code == Some(1) && told.is_empty() && said.contains("within 0.3 s"), "{state}: {code:?} {told} {said}");
+    }
+    // Or ends with the station.
     let mut waits = inject("haptic:spare", "cutting").stderr(std::process::Stdio::piped()).spawn().expect("hystation");
     station.run_ticks(500);
     assert!(waits.try_wait().expect("it is ours").is_none(), "it does not wait");
@@ -100,5 +122,8 @@ fn a_fault_waits_for_the_state_that_a_tester_names() {
     let waited = waits.wait_with_output().expect("it is ours");
     assert_eq!(waited.status.code(), Some(1), "{}", String::from_utf8_lossy(&waited.stderr));
     ended.assert_clean();
-    assert!(ended.faults("kill").len() >= 4);
+    let kills = ended.faults("kill");
+    assert!(kills.len() >= 5, "{kills:#?}");
+    let is_of_tissue = |fault: &&Value| fault["target"].as_str().is_some_and(|target| target.starts_with("tissue"));
+    assert_eq!(kills.into_iter().filter(is_of_tissue).count(), 1, "who waited in vain hurt somebody: {}", ended.said);
 }

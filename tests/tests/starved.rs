@@ -1,6 +1,7 @@
 //! Engines that run short of what the system lends, and engines whose successors do not start: found, replaced, and the station whole again.
 
 use serde_json::Value;
+use station_tests::shown::not_shown;
 use station_tests::{Ended, Station, hystation, run};
 
 /// The fault of a kind that hit a slot; it came about, was found, and is over.
@@ -110,6 +111,21 @@ fn replaced_for(station: &Station, thread: &str, target: &str) -> (String, Strin
     (thread.into(), replaced(station, "block", target, &format!("--thread {thread}")))
 }
 
+/// A fault that waited for the tissue's hand-over came after its first fault had been found, and says whether the hand-over was still under way.
+fn assert_handed_over(ended: &Ended, second: &std::process::Output) {
+    assert_eq!(second.status.code(), Some(0), "{second:?}\n{}", ended.said);
+    let told: Value = serde_json::from_slice(&second.stdout).expect("JSON");
+    let is_tissue = |fault: &&Value| fault["thread"] == "keeper";
+    let (first, own) = (ended.faults("block").into_iter().find(is_tissue), ended.faults("kill"));
+    let ns = |fault: &Value| fault["injected_ns"].as_f64().unwrap_or(0.0);
+    let found_ns = first.map_or(f64::MAX, |first| ns(first) + 1e3 * first["detected_us"].as_f64().unwrap_or(f64::MAX));
+    assert!(own.len() == 1 && ns(own[0]) >= found_ns && told["state"] == "handover:tissue", "{own:#?} {told:#}\n{}", ended.said);
+    if told["held"] != true {
+        assert_eq!(told["held"], false, "{told:#}");
+        not_shown("a fault in a hand-over: it was over when the fault came");
+    }
+}
+
 /// Nobody found it: without its usher an engine met no newcomer any more, and the next death of whom it reads was one too many for it; without its keeper
 /// its checkpoints grew old.
 #[test]
@@ -121,11 +137,18 @@ fn a_thread_that_helps_an_engine_and_stands_still_is_found_and_the_engine_hands_
     let cases = [("usher", "fluid:active"), ("keeper", "tissue:active"), ("drain", "haptic:active"), ("usher", "device")];
     let first = replaced_for(&station, cases[0].0, cases[0].1);
     assert!(station.has_process(pid), "{}", station.said());
+    // A second fault waits for the tissue's hand-over, which comes seconds after the first.
+    let inject = ["fault", "inject", "kill", "haptic:spare", "--state", "handover:tissue", "--json"];
+    let mut command = hystation();
+    let second = command.args(["--name", station.name()]).args(inject).stdout(std::process::Stdio::piped()).spawn();
     let rest = cases[1..].iter().map(|(thread, target)| replaced_for(&station, thread, target));
     let all: Vec<(String, String)> = std::iter::once(first).chain(rest).collect();
+    let second = second.and_then(std::process::Child::wait_with_output).expect("hystation");
+    station.recover();
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();
+    assert_handed_over(&ended, &second);
     let faults = ended.faults("block");
     for (thread, slot) in &all {
         let is_it = |fault: &&&Value| fault["thread"] == thread.as_str() && fault["target"] == slot.as_str();

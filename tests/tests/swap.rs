@@ -15,7 +15,7 @@ use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::swapped::{assert_deficit_goes_on, got_no_time, swap};
 use station_tests::windows::{Pairs, Spinners};
-use station_tests::{RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, wait_for};
+use station_tests::{RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -168,7 +168,17 @@ fn a_supervisor_or_a_holder_that_dies_in_the_middle_of_a_swap_leaves_the_station
     command.args(["--name", station.name(), "swap", "fluid"]).arg(&copy).stdout(Stdio::null()).stderr(Stdio::null());
     let mut begun = command.spawn().expect("hystation");
     assert!(wait_for(RECOVERY_LIMIT, || in_shadow().then_some(())).is_some(), "{}", station.status());
-    kill_supervisor(&station);
+    let in_swap_of = |role: &str, within: &str| {
+        let (state, inject) = (format!("swap:{role}"), ["fault", "inject", "kill", "supervisor", "--state"]);
+        run(hystation().args(["--name", station.name()]).args(inject).args([state.as_str(), "--within", within]))
+    };
+    let (code, told, said) = in_swap_of("tissue", "50ms");
+    assert!(code == Some(1) && told.is_empty() && said.contains("not in that state within 0.05 s"), "{code:?} {told} {said}");
+    let (code, told, said) = in_swap_of("fluid", "1m");
+    assert!(code == Some(0) && told.contains("in state swap:fluid"), "{code:?} {told} {said}");
+    if !told.trim_end().ends_with("; in state swap:fluid") {
+        not_shown("a fault in a swap: it was over before anybody looked");
+    }
     assert_eq!(begun.wait().expect("hystation").code(), Some(1), "{}", station.said());
     station.recover();
     assert!(station.processes("fluid").iter().all(|process| process["binary"] == old), "{}", station.status());

@@ -1,6 +1,8 @@
 //! A cell of a campaign: one kind of fault on one target in one state of the station, and what is promised there. Cells that cannot be are
 //! refused with the reason.
 
+mod companion;
+
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Keepers, Place, Target, Which};
@@ -26,22 +28,25 @@ pub enum State {
     Recovery,
     /// A swap is under way.
     Swap,
+    /// Who does a role's work is to be replaced, or was, and nobody is ready in its place yet.
+    Handover,
 }
 
 impl State {
     /// All of them with their names.
-    pub const ALL: [(State, &'static str); 6] = [
+    pub const ALL: [(State, &'static str); 7] = [
         (State::Any, "any"),
         (State::Idle, "idle"),
         (State::Contact, "contact"),
         (State::Cutting, "cutting"),
         (State::Recovery, "recovery"),
         (State::Swap, "swap"),
+        (State::Handover, "handover"),
     ];
     /// The state that a word names.
     pub fn parse(text: &str) -> Result<State, String> {
         let found = State::ALL.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
-        found.ok_or_else(|| format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap"))
+        found.ok_or_else(|| format!("state {text:?}: there are any, idle, contact, cutting, recovery, swap and handover"))
     }
     fn suffix(self) -> &'static str {
         match self {
@@ -51,6 +56,7 @@ impl State {
             State::Cutting => " cutting",
             State::Recovery => " in recovery",
             State::Swap => " in a swap of",
+            State::Handover => " in a hand-over",
         }
     }
 }
@@ -97,7 +103,8 @@ pub struct Group {
     /// Half of those that hang are to be found within this time, above 0 to 60 000 ms. Default: that is not judged.
     found_ms: Option<f64>,
     /// Of state recovery: the fault in whose recovery this one comes, as KIND TARGET and options. Default: a kill of the tissue, of a servo where the tissue
-    /// is the target.
+    /// is the target. Of state handover: the one for which a role is handed over. Default: its holder's usher is blocked, of a target that hands nothing over the
+    /// tissue's.
     with: Option<String>,
     /// Of state swap: the role that is swapped meanwhile. Default: fluid.
     swap: Option<String>,
@@ -149,7 +156,7 @@ pub struct Cell {
     pub allowed_misses: u64,
     /// Half of those that hang are to be found within this time, ms.
     pub found_ms: Option<f64>,
-    /// The fault in whose recovery this one comes.
+    /// The fault in whose recovery, or hand-over, this one comes.
     pub with: Option<Injection>,
     /// The role that is swapped meanwhile.
     pub swap: Option<Role>,
@@ -194,8 +201,11 @@ impl Group {
 
     fn cell(&self, kind: &str, target: &str, state: State, limit_upper95: f64) -> Result<Cell, String> {
         let with = match (state, &self.with) {
-            (State::Recovery, text) => Some(companion(text.as_deref(), target)?),
-            (_, Some(_)) => return Err("with: only a cell with state \"recovery\" has another fault beside it".into()),
+            (State::Recovery, text) => Some(companion::in_recovery(text.as_deref(), target)?),
+            (State::Handover, text) => Some(companion::in_handover(text.as_deref(), target)?),
+            (_, Some(_)) => {
+                return Err("with: only a cell with state \"recovery\" or \"handover\" has another fault beside it".into());
+            }
             _ => None,
         };
         let swap = match (state, self.swap.as_deref()) {
@@ -300,38 +310,15 @@ fn is_of_newcomer(target: &str) -> bool {
     Target::parse(target).is_some_and(|target| target.which == Which::Newcomer)
 }
 
-fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
-    let is_tissue = Role::name_in(target) == Role::Tissue.name();
-    let text = text.unwrap_or(if is_tissue { "kill haptic:active" } else { "kill tissue:active" });
-    let form =
-        || format!("with = {text:?}: write KIND TARGET, as \"kill tissue:active\", and options, as \"no-files device for=0.5\"");
-    let mut words = text.split(' ');
-    let (kind, other) = words.next().zip(words.next()).ok_or_else(form)?;
-    let options: toml::Table = toml::from_str(&words.collect::<Vec<_>>().join("\n")).map_err(|_| form())?;
-    if Keepers::parse(other).is_some() {
-        return Err(format!(
-            "with = {text:?}: those who keep the station have no recovery that another fault could fall into; take an engine's"
-        ));
-    }
-    if Keepers::parse(target) == Some(Keepers::Both) {
-        return Err(format!("{target}: one fault falls into the recovery of one other; take supervisor or guardian"));
-    }
-    if is_of_newcomer(other) {
-        return Err(format!("with = {text:?}: take state swap for who a swap brings"));
-    }
-    let with = injection(kind, other, &options)?;
-    // A damaged checkpoint hurts nobody while a holder lives: whoever comes after both reads it.
-    let founds_from_it = with.place == Some(Place::Checkpoint);
-    if other.ends_with(":both") || target.ends_with(":both") && !founds_from_it {
-        return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
-    }
-    Ok(with)
-}
-
 impl Cell {
     /// Faults that the station tells of once it is injected: one for each process that is hit, and the guardian dies silently with its supervisor.
     pub fn faults(&self) -> usize {
-        if self.injection.target.ends_with(":both") { 2 } else { 1 }
+        processes_of(&self.injection)
+    }
+
+    /// The same of the fault beside it.
+    pub fn faults_beside(&self) -> usize {
+        self.with.as_ref().map_or(0, processes_of)
     }
 
     /// Whether it is for the process that the swap brings.
@@ -343,7 +330,7 @@ impl Cell {
     pub fn is_of_idle_spare(&self) -> bool {
         let target = Target::parse(&self.injection.target);
         let is_idle = target.is_some_and(|target| target.which == Which::Spare && target.role.is_stateful());
-        is_idle && self.injection.is_of_steps() && !matches!(self.state, State::Recovery | State::Swap)
+        is_idle && self.injection.is_of_steps() && !matches!(self.state, State::Recovery | State::Swap | State::Handover)
     }
 
     /// Whether it leaves damage in what is shared that a process may read long after, when another fault has come: its stations have no other faults.
@@ -394,4 +381,9 @@ fn no_swap_among(slots: &[Slot], role: Role) -> Option<String> {
         }
         _ => None,
     }
+}
+
+/// Processes that a fault is for.
+fn processes_of(injection: &Injection) -> usize {
+    if injection.target.ends_with(":both") { 2 } else { 1 }
 }

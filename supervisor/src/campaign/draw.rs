@@ -4,7 +4,7 @@
 //! The generator is splitmix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014): a few fixed lines, and
 //! good enough to shuffle.
 
-use super::cell::Cell;
+use super::cell::{Cell, State};
 use super::file::Campaign;
 use super::stage::Place;
 use crate::faultfile::{FaultKind, Injection};
@@ -22,6 +22,8 @@ const MOST_WITH_TICKS: u64 = 40;
 const MOST_WITH_SERVO_TICKS: u64 = 8;
 /// A file system that is filled is full after 87 to 162 ms (of 180, 2026-11-29, two cores): what is to come while it is comes after so many ticks.
 const FULL_TICKS: u64 = 200;
+/// Least time in which growth, or a helper that stands still, is found, ticks.
+const SLOWLY_FOUND_TICKS: u64 = 6_000;
 
 /// One fault of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,7 +40,7 @@ pub struct Entry {
     pub tick: u64,
     /// Place in the tick, µs.
     pub phase_us: u32,
-    /// Ticks after the other fault, for one that falls into its recovery.
+    /// Ticks after the other fault, for one that falls into its recovery; after its hand-over was seen, for one that falls into that.
     pub with_ticks: u64,
     /// Where in its swap it comes, for one that falls into one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -129,10 +131,12 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
 }
 
 /// How long after the other fault one comes that falls into its recovery. Who is to do wrong itself does it in its next step, and that may have begun: it
-/// has two of them for it, or nothing had happened yet that the second fault could fall into. A file system takes its time to be full.
+/// has two of them for it, or nothing had happened yet that the second fault could fall into. A file system takes its time to be full, and a hand-over is waited
+/// for.
 fn draw_with_ticks(cell: &Cell, draw: &mut Draw) -> u64 {
     let role = cell.with.as_ref().and_then(|with| Role::from_name(Role::name_in(&with.target)));
-    let is_asked = |with: &Injection| with.kind.mischief().is_some() && with.kind.signal().is_none();
+    let is_asked =
+        |with: &Injection| cell.state != State::Handover && with.kind.mischief().is_some() && with.kind.signal().is_none();
     let least = match &cell.with {
         Some(with) if matches!(with.kind, FaultKind::DiskFull | FaultKind::ShmFull) => FULL_TICKS,
         Some(with) if is_asked(with) => 2 * role.map_or(0, period_ticks),
@@ -158,9 +162,10 @@ fn period_ticks(role: Role) -> u64 {
 fn room_ticks(cell: &Cell) -> u64 {
     let is_slow = !Role::from_name(cell.role()).is_some_and(is_real_time);
     match cell.injection.kind {
+        _ if cell.state == State::Handover => SLOWLY_FOUND_TICKS,
         // Growth and a helper that stands still are found after some seconds, a start that hangs after many, and the control window is as long as that.
-        FaultKind::LeakMemory | FaultKind::LeakFiles => 6_000,
-        FaultKind::Block if cell.injection.thread.is_some() => 6_000,
+        FaultKind::LeakMemory | FaultKind::LeakFiles => SLOWLY_FOUND_TICKS,
+        FaultKind::Block if cell.injection.thread.is_some() => SLOWLY_FOUND_TICKS,
         FaultKind::HangStart => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
         FaultKind::Slow | FaultKind::NoFiles => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
         _ if is_slow => 300,
@@ -249,6 +254,24 @@ mod tests {
         assert_eq!(at_once.map(drawn), [(1, 40); 3]);
         assert_eq!(drawn("kill haptic:active"), (1, 8));
         assert_eq!(["shm-full console for=1.0", "shm-full haptic:active for=1.0"].map(drawn), [(200, 240); 2]);
+    }
+
+    /// A hand-over comes 1 to 16 s after its fault: a second one 40 ticks after that met nobody who handed anything over.
+    #[test]
+    fn a_fault_in_a_hand_over_comes_so_long_after_that_is_seen_and_the_next_leaves_room_for_it() {
+        let drawn = |with: &str| {
+            let cell = format!(
+                "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"supervisor\"]\nstates = [\"handover\"]\nwith = '{with}'\ncount = 200\n"
+            );
+            let faults = plan(&parse("t", &cell).unwrap(), 1).faults;
+            let is_roomy =
+                |pair: &[Entry]| pair[1].station != pair[0].station || pair[1].tick > pair[0].tick + SLOWLY_FOUND_TICKS;
+            assert!(faults.windows(2).all(is_roomy), "{with}");
+            let ticks = faults.into_iter().map(|entry| entry.with_ticks);
+            ticks.fold((u64::MAX, 0), |(least, most), ticks| (least.min(ticks), most.max(ticks)))
+        };
+        assert_eq!(["block fluid:active thread=\"keeper\"", "leak-memory tissue:both"].map(drawn), [(1, 40); 2]);
+        assert_eq!(drawn("leak-files haptic:active"), (1, 8));
     }
 
     #[test]

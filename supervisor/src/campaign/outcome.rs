@@ -126,8 +126,11 @@ pub struct Outcome {
     pub reason: String,
     /// What the supervisor knows of it.
     pub fault: Option<Fault>,
-    /// The fault in whose recovery it came.
+    /// The fault in whose recovery, or hand-over, it came.
     pub with: Option<Fault>,
+    /// The tick in which the hand-over was seen that it was to fall into.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub handed_tick: Option<u64>,
     /// Faults that nobody injected and that were closed meanwhile.
     pub collateral: Vec<Fault>,
     /// Those that were closed before it, and after the fault before it was. Whose doing they are is seen by when they came, not by when they were read.
@@ -160,6 +163,7 @@ impl Outcome {
             reason: String::new(),
             fault: None,
             with: None,
+            handed_tick: None,
             collateral: Vec::new(),
             earlier: Vec::new(),
             asked_ns: 0,

@@ -1,8 +1,8 @@
 //! One fault of a plan again, alone in a station of its own, at the tick and phase at which it was injected if the folder knows them, else at the drawn ones;
-//! one in a swap after the same stage of it, so many ticks later, and at that phase. Judged as in its campaign, but for the bounds, of which one fault says
-//! nothing.
+//! one in a swap after the same stage of it, so many ticks later, and at that phase; one in a hand-over so many ticks after that is seen. Judged as in its
+//! campaign, but for the bounds, of which one fault says nothing.
 
-use super::cell::Cell;
+use super::cell::{Cell, State};
 use super::draw::Entry;
 use super::file::Campaign;
 use super::judge::{Figures, Verdict, judge};
@@ -17,8 +17,8 @@ use serde_json::json;
 /// Farthest from the wanted phase, in the same tick, at which it is still the same fault, µs: a thread of real time that slept until then wakes sooner if nothing
 /// keeps it (7 of 10 of 877 faults of four campaigns came within it, half of them within 50 us).
 const MOST_OFF_US: i64 = 100;
-/// In a swap the moment is bound to a stage of it, µs: its stage is seen within a look of 5 ms, and what is to come at once takes as long as the control socket
-/// and the supervisor's loop.
+/// In a swap the moment is bound to a stage of it, and in a hand-over to its beginning, µs: that is seen within a look of 5 ms, and what is to come at once takes
+/// as long as the control socket and the supervisor's loop.
 const MOST_OFF_IN_SWAP_US: i64 = 20_000;
 
 impl Runner<'_> {
@@ -43,8 +43,8 @@ impl Runner<'_> {
         let off_us = off_us(&entry, cell, &outcome);
         let elsewhere = elsewhere(&entry, cell, &outcome);
         let (code, why) = conclude(figures, &judgement.broken, &judgement.unknown, elsewhere);
-        let place =
-            off_us.map_or("its swap did not come to the wanted stage".into(), |us| format!("{us} us from the wanted moment"));
+        let missing = if cell.swap.is_some() { "its swap did not come to the wanted stage" } else { "there was no hand-over" };
+        let place = off_us.map_or(missing.into(), |us| format!("{us} us from the wanted moment"));
         say(self.json, &format!("fault {index}: {place}; {}\n", why.join("; ")));
         let json = json!({ "outcome": outcome, "off_us": off_us, "figures": figures, "station": station, "verdict": why, "exit_code": code });
         let json = serde_json::to_string_pretty(&json).map_err(|e| Refusal::failed(e.to_string()))?;
@@ -60,6 +60,10 @@ impl Runner<'_> {
 fn again(drawn: &Entry, known: Option<&Outcome>) -> Entry {
     let mut entry = drawn.clone();
     let Some(known) = known.filter(|known| known.ending == Ending::Closed) else { return entry };
+    if let Some((handed_tick, with)) = known.handed_tick.zip(known.with.as_ref()) {
+        (entry.tick, entry.with_ticks) = (with.tick, known.tick.saturating_sub(handed_tick));
+        return entry;
+    }
     match known.swap.as_ref().map(|swap| swap.place_of(known.tick)) {
         Some(None) => {} // where it was is not known
         Some(place) => (entry.in_swap, entry.phase_us) = (place, known.injected_phase_us),
@@ -77,9 +81,14 @@ fn unbound(campaign: &Campaign, cell: &Cell) -> Campaign {
     Campaign { cells: vec![cell], pools: Vec::new(), most_void: 1.0, ..campaign.clone() }
 }
 
-/// How far from the wanted moment it came, µs: of the station's time, or of the time since its swap came to the stage; `None` if it never did.
+/// How far from the wanted moment it came, µs: of the station's time, or of the time since its swap came to the stage, or its hand-over was seen; `None` if that
+/// never was.
 fn off_us(entry: &Entry, cell: &Cell, outcome: &Outcome) -> Option<i64> {
     let us = |tick: u64, phase_us: u32| (tick * TICK_NS / 1_000) as i64 + i64::from(phase_us);
+    if cell.state == State::Handover {
+        // At once, and at no phase that was wanted.
+        return Some(us(outcome.tick, 0) - us(outcome.handed_tick? + entry.with_ticks, 0));
+    }
     let (was, wanted) = match entry.in_swap {
         Some(wanted) => (outcome.swap.as_ref()?.place_of(outcome.tick)?.offset_ticks, wanted.offset_ticks),
         None => (outcome.tick, wanted_tick(entry, cell)),
@@ -89,11 +98,16 @@ fn off_us(entry: &Entry, cell: &Cell, outcome: &Outcome) -> Option<i64> {
 
 /// Why it is not the same fault, in words: it came in another tick, or at another phase of it; in a swap, so long after its stage. `None` if it is the same.
 fn elsewhere(entry: &Entry, cell: &Cell, outcome: &Outcome) -> Option<String> {
-    let wanted = match cell.swap {
-        Some(_) => format!("at most {} ms from the wanted moment of its swap", MOST_OFF_IN_SWAP_US / 1_000),
+    let course = match cell.state {
+        State::Swap => Some("swap"),
+        State::Handover => Some("hand-over"),
+        _ => None,
+    };
+    let wanted = match course {
+        Some(course) => format!("at most {} ms from the wanted moment of its {course}", MOST_OFF_IN_SWAP_US / 1_000),
         None => format!("in the same tick, at most {MOST_OFF_US} us from the wanted phase"),
     };
-    let is_same = off_us(entry, cell, outcome).is_some_and(|off_us| match cell.swap {
+    let is_same = off_us(entry, cell, outcome).is_some_and(|off_us| match course {
         Some(_) => off_us.abs() <= MOST_OFF_IN_SWAP_US,
         None => wanted_tick(entry, cell) == outcome.tick && off_us.abs() <= MOST_OFF_US,
     });
@@ -101,7 +115,7 @@ fn elsewhere(entry: &Entry, cell: &Cell, outcome: &Outcome) -> Option<String> {
         .then(|| format!("it was not repeated: that takes a fault {wanted}; try again, on a machine that has nothing else to do"))
 }
 
-/// The tick in which a fault that is in no swap is to come.
+/// The tick in which a fault that is in no swap and no hand-over is to come.
 fn wanted_tick(entry: &Entry, cell: &Cell) -> u64 {
     entry.tick + if cell.with.is_some() { entry.with_ticks } else { 0 }
 }
@@ -175,6 +189,22 @@ mod tests {
         assert_eq!([why(0, true), why(20, true)], [None, None]);
         assert!([why(21, true), why(0, false)].iter().flatten().all(|why| why.contains("at most 20 ms")));
         assert!(why(21, true).is_some() && why(0, false).is_some(), "nobody knows where it came");
+    }
+
+    #[test]
+    fn in_a_hand_over_it_may_come_so_much_beside_the_same_time_after_that_was_seen_whenever_it_was_found() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\"]\nstates = [\"handover\"]\ncount = 1\n";
+        let campaign = file::parse("t", text).unwrap();
+        let plan = draw::plan(&campaign, 1);
+        let (entry, cell) = (&plan.faults[0], &campaign.cells[0]);
+        let with = Some(crate::fault::Fault { tick: 61_000, ..Default::default() });
+        let came = Outcome { tick: 67_030, handed_tick: Some(67_000), with, ending: Ending::Closed, ..Outcome::of(entry) };
+        let again = again(entry, Some(&came));
+        assert_eq!((again.tick, again.with_ticks), (61_000, 30));
+        let why = |tick: u64, handed_tick| elsewhere(&again, cell, &Outcome { tick, handed_tick, ..came.clone() });
+        assert_eq!([why(77_030, Some(77_000)), why(67_050, Some(67_000))], [None, None], "it was found later");
+        assert!([why(67_051, Some(67_000)), why(67_030, None)].iter().flatten().all(|why| why.contains("of its hand-over")));
+        assert!(why(67_051, Some(67_000)).is_some() && why(67_030, None).is_some(), "nobody knows where it came");
     }
 
     #[test]

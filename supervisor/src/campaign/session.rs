@@ -4,6 +4,7 @@
 mod closing;
 mod counters;
 mod end;
+mod handover;
 mod keepers;
 mod swaps;
 
@@ -232,7 +233,7 @@ impl Session {
         Ok((outcome, None))
     }
 
-    /// Injects the fault, and the one in whose recovery it is to come, and waits until they are closed.
+    /// Injects the fault, and the one in whose recovery or hand-over it is to come, and waits until they are closed.
     fn hurt_at(&mut self, outcome: &mut Outcome, entry: &Entry, cell: &Cell, tick: u64) -> Result<(), Trouble> {
         let sent_ns = system::now_ns();
         // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
@@ -241,16 +242,23 @@ impl Session {
             Injection { seed, ..injection.clone() }
         };
         let first = cell.with.as_ref().map(|with| self.inject(&seeded(with), tick, entry.phase_us));
-        let tick = if cell.with.is_some() { tick + entry.with_ticks } else { tick };
         let injection = seeded(&cell.injection);
         let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
-        let done = first.transpose().and_then(|_| self.inject(&injection, tick, entry.phase_us));
+        let done = match first.transpose() {
+            Err(reason) => Err(reason),
+            Ok(_) => match self.second_tick(outcome, entry, cell, tick)? {
+                Some(tick) => self.inject(&injection, tick, entry.phase_us),
+                None => Err(format!("no role was handed over for the first fault of {:?}", cell.name)),
+            },
+        };
         let asked = |by_ns: u64, struck_ns| Asked { sent_ns, by_ns: by_ns.max(first_by_ns.unwrap_or(0)), struck_ns };
         self.whole_since_tick = None;
         match done {
             Ok(Done { by_ns, struck_ns }) => self.close(outcome, cell, asked(by_ns, struck_ns)),
             Err(reason) => {
-                (outcome.ending, outcome.reason) = (Ending::Refused, reason);
+                let is_missing = first_by_ns.is_some() && cell.state == State::Handover && outcome.handed_tick.is_none();
+                outcome.ending = if is_missing { Ending::NoState } else { Ending::Refused };
+                outcome.reason = reason;
                 if first_by_ns.is_some() { self.close_first(outcome, cell, asked(system::now_ns(), None)) } else { Ok(()) }
             }
         }
@@ -258,7 +266,7 @@ impl Session {
 
     fn is_in(&mut self, state: State) -> bool {
         match state {
-            State::Any | State::Recovery | State::Swap => true,
+            State::Any | State::Recovery | State::Swap | State::Handover => true,
             State::Idle => self.counters().contacts == 0,
             State::Contact => self.counters().contacts > 0,
             State::Cutting => {

@@ -38,7 +38,8 @@ pub struct InjectArgs {
     /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it.
     #[arg(long = "phase", value_name = "US", requires = "moment", value_parser = clap::value_parser!(u32).range(0..1_000))]
     pub phase_us: Option<u32>,
-    /// Do it when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or swap:ROLE.
+    /// Do it when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or handover (who does a role's work is
+    /// to be replaced, or was, and is not back); of one role alone: swap:ROLE, handover:ROLE.
     #[arg(long, group = "moment")]
     pub state: Option<String>,
     /// With --state: wait so long at most. Default: 1m.

@@ -153,3 +153,19 @@ fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
     faults.late(slots[0], 7, 9_000_000, 9_000_000, "tissue:1");
     assert_eq!(seen(&faults)[0], (true, Some(8_000.0)));
 }
+
+/// One that leaked was found, and killed while it handed its role over: its leak went on in the book for 40 s after its successor was there.
+#[test]
+fn what_was_found_of_a_process_is_over_with_it_whatever_it_dies_of_and_what_was_not_is_not() {
+    let (_station, mut faults) = book("found");
+    let slot = Slot::first(Role::Tissue);
+    for kind in ["leak-files", "leak-memory"] {
+        faults.start(kind, slot, 7, 1_000).asked = Some((0, 0));
+    }
+    faults.late(slot, 7, 2_000_000, 2_000_000, "growth");
+    faults.start("kill", slot, 7, 3_000_000);
+    faults.died(slot, 7, Exit::Signal(9), Death { at_ns: 3_001_000, open_ns: None, beat_ns: 2_999_000 });
+    faults.ready(slot, 8, 9_000_000);
+    let over: Vec<_> = faults.all().map(|fault| (fault.kind.as_str(), fault.dead, fault.recovered_us.is_some())).collect();
+    assert_eq!(over, [("leak-files", false, false), ("leak-memory", true, true), ("kill", true, true)]);
+}

@@ -43,6 +43,8 @@ pub(super) struct Place {
     pub(super) harmful: u32,
     /// The incarnation that is to be replaced, since when, and whether it was told.
     pub(super) leaving: Option<(u32, u64, bool)>,
+    /// One that did its role's work is to be replaced, or was, until somebody is ready here again.
+    pub(super) hands_over: bool,
 }
 
 /// What the policy remembers.
@@ -69,6 +71,7 @@ impl State {
             mistrusted: false,
             harmful: 0,
             leaving: None,
+            hands_over: false,
         };
         let ladders = slots.iter().filter(|slot| slot.role().is_stateful()).map(|slot| (slot.role(), Ladder::default()));
         let ladders: BTreeMap<Role, Ladder> = ladders.collect();

@@ -107,6 +107,41 @@ fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
     assert!(actions.contains(&Action::Kill { slot: slots[1], incarnation: 2 }), "{actions:?}");
 }
 
+/// A tester waits for it: it is over within a blink, or after seconds where nobody is there who could take the role.
+#[test]
+fn a_role_is_handed_over_from_when_its_holder_is_to_be_replaced_until_somebody_is_ready_in_its_place() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let begin = || {
+        let mut state = State::new(&slots);
+        step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)], warming: Vec::new() }, &mut state);
+        step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+        state
+    };
+    let grows = |slot, incarnation| Event::Unfit { slot, incarnation, reason: "it grows" };
+    let handed = |state: &State| slots.map(|slot| state.records().any(|(of, record)| of == slot && record.hands_over));
+    let (mut spare, mut state) = (begin(), begin());
+    step(1, grows(slots[1], 2), &mut spare);
+    assert_eq!([handed(&spare), handed(&state)], [[false; 2]; 2], "a spare hands nothing over");
+    step(1, grows(slots[0], 1), &mut state);
+    step(2, Event::Holds { role: Role::Tissue, incarnation: 2 }, &mut state);
+    let now_ns = 2 * limits(Role::Tissue).settled_ns;
+    step(now_ns, Event::Died { slot: slots[0], incarnation: 1, exit: Exit::Signal(9) }, &mut state);
+    step(now_ns, Event::Spawned { slot: slots[0], incarnation: 3 }, &mut state);
+    assert_eq!(handed(&state), [true, false], "who had the role is not back");
+    // The next supervisor knows it by the station's page.
+    let mut next = State::new(&slots);
+    state.records().filter(|(slot, _)| slots.contains(slot)).for_each(|(slot, record)| {
+        assert_eq!(Record::of_word(record.word()), record);
+        next.set_record(now_ns, slot, record);
+    });
+    step(now_ns, Event::Started { adopted: vec![(slots[1], 2)], warming: vec![(slots[0], 3)] }, &mut next);
+    assert_eq!(handed(&next), [true, false]);
+    for state in [&mut state, &mut next] {
+        step(now_ns, Event::Ready { slot: slots[0], incarnation: 3 }, state);
+        assert_eq!(handed(state), [false; 2]);
+    }
+}
+
 #[test]
 fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     let slots = [Slot::new(Role::Haptic, 0).unwrap(), Slot::new(Role::Haptic, 1).unwrap()];
@@ -168,7 +203,7 @@ fn one_that_had_served_for_long_and_died_unseen_comes_back_at_once() {
     let now_ns = 3 * limits(Role::Device).settled_ns;
     for (lived_ns, lives) in [(2 * limits(Role::Device).settled_ns, 0), (1, 5)] {
         let mut state = State::new(&[slot]);
-        state.set_record(0, slot, Record { short_lives: 4, given_up: false });
+        state.set_record(0, slot, Record { short_lives: 4, ..Record::default() });
         step(now_ns, Event::Started { adopted: vec![(slot, 7)], warming: Vec::new() }, &mut state);
         step(now_ns, Event::Lived { slot, incarnation: 7, ready_ns: now_ns - lived_ns }, &mut state);
         let actions = step(now_ns, Event::Died { slot, incarnation: 7, exit: Exit::Signal(11) }, &mut state);
@@ -240,8 +275,8 @@ fn whom_its_own_spare_dies_of_is_not_waited_for_and_only_then() {
     let after = limits(Role::Tissue).mistrust_after();
     for (short_lives, is_harmful) in [(after, true), (after - 1, true), (after, false)] {
         let mut state = State::new(&[fluid, tissue[0], tissue[1]]);
-        state.set_record(0, tissue[1], Record { short_lives, given_up: false });
-        state.set_record(0, fluid, Record { short_lives: after - 1, given_up: false });
+        state.set_record(0, tissue[1], Record { short_lives, ..Record::default() });
+        state.set_record(0, fluid, Record { short_lives: after - 1, ..Record::default() });
         step(0, Event::Started { adopted: vec![(tissue[0], 1), (fluid, 2)], warming: Vec::new() }, &mut state);
         step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
         state.set_ladder(Role::Fluid, Ladder::resumed(2 | (MOST_DOOMED - 1) << 8, Some(1), false, 1));
@@ -325,7 +360,7 @@ fn a_restart_of_the_supervisor_is_no_way_around_the_back_off_and_the_end_of_a_sl
         // Each death is one that a new supervisor finds.
         world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
         let record = state.records().find(|(of, _)| *of == slot).unwrap().1;
-        assert_eq!(record, Record { short_lives: lives, given_up: lives == limits.most_short_lives });
+        assert_eq!(record, Record { short_lives: lives, given_up: lives == limits.most_short_lives, hands_over: false });
         let restarted_ns = world.now_ns;
         state = State::new(&[slot]);
         state.set_record(restarted_ns, slot, record);

@@ -5,7 +5,7 @@ use super::copy;
 use hyst_messages::TissueStatus;
 use station_tests::shown::not_shown;
 use station_tests::swapped::{got_no_time, swap};
-use station_tests::{Ended, RECOVERY_LIMIT, Station, bad_engine, wait_for};
+use station_tests::{Ended, RECOVERY_LIMIT, Station, bad_engine, hystation, run, wait_for};
 
 const CASE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/cases/myoma.toml");
 /// Tries of a swap: each ends within a minute, and the hand cuts for 100 s.
@@ -31,12 +31,25 @@ fn assert_nothing_comes_back(ended: &Ended) {
     assert!(newest.is_some_and(|last| last.cuts > 0), "nothing was cut: {newest:?}\n{}", ended.said);
 }
 
+/// A fault that waits for a stroke comes while the electrode cuts; between the two the stroke may end.
+fn hurt_in_a_stroke(station: &Station) {
+    let is_hurt_in_one = || {
+        let inject = ["fault", "inject", "kill", "haptic:spare", "--state", "cutting"];
+        let (code, told, said) = run(hystation().args(["--name", station.name()]).args(inject));
+        assert!(code == Some(0) && told.contains("in state cutting"), "{code:?} {told} {said}");
+        station.recover();
+        told.trim_end().ends_with("; in state cutting").then_some(())
+    };
+    assert!(wait_for(RECOVERY_LIMIT, is_hurt_in_one).is_some(), "{}", station.said());
+}
+
 /// A good one was rolled back and blamed: it and the old engine lose other ticks to the machine, cut at other places, and then have meshes that are not the same.
 #[test]
 fn a_tissue_is_swapped_between_the_strokes_of_a_hand_that_cuts_and_nothing_that_was_cut_comes_back() {
     let station = Station::start("strokes", &[CASE, "--hand", "script:slices", "--test-mode"]);
     let has_cut = || (station.tissue_status().cuts > 0).then_some(());
     assert!(wait_for(RECOVERY_LIMIT, has_cut).is_some(), "the hand cuts nothing: {}", station.said());
+    hurt_in_a_stroke(&station);
     let mut is_swapped = false;
     for round in 0..TRIES {
         let (mine, cuts) = (copy(&station, "tissue", round), station.tissue_status().cuts);

@@ -57,7 +57,7 @@ impl Session {
     /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
     pub(super) fn close(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
         let injections: Vec<&Injection> = [cell.with.as_ref(), Some(&cell.injection)].into_iter().flatten().collect();
-        let expected = cell.faults() + usize::from(cell.with.is_some());
+        let expected = cell.faults() + cell.faults_beside();
         let close_ns = if cell.injection.kind == FaultKind::HangStart { CLOSE_START_NS } else { CLOSE_NS };
         let mut ours = self.lines_of(outcome, &injections, expected, close_ns, asked)?;
         if ours.len() >= expected {
@@ -82,7 +82,7 @@ impl Session {
     /// Waits until the fault beside one that was refused is closed, so that neither it nor what it brings about is anybody else's.
     pub(super) fn close_first(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
         if let Some(with) = &cell.with {
-            outcome.with = self.lines_of(outcome, &[with], 1, CLOSE_NS, asked)?.pop();
+            outcome.with = self.lines_of(outcome, &[with], cell.faults_beside(), CLOSE_NS, asked)?.pop();
             self.be_quiet_after(outcome);
         }
         Ok(())

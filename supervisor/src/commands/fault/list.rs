@@ -65,7 +65,7 @@ fn foot() -> [(&'static str, String); 7] {
         ("outputs", format!("{} (--output, of {})", names(&Output::ALL).join(", "), lies.join(", "))),
         ("threads", format!("{} (--thread, of block)", names(&Helper::ALL).join(", "))),
         ("places", format!("{} (--where, of corrupt)", names(&Place::ALL).join(", "))),
-        ("states", format!("{}, swap:ROLE (--state: as soon as the station is in it)", names(&State::ALL).join(", "))),
+        ("states", format!("{}, swap:ROLE, handover:ROLE (--state: as soon as the station is in it)", names(&State::ALL).join(", "))),
     ]
 }
 
@@ -192,7 +192,7 @@ mod tests {
                 .as_array()
                 .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
         );
-        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
+        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap", "handover"]));
         assert_eq!((&listed["places"][0], &listed["outputs"][0]), (&json!("page"), &json!("state")));
         assert_eq!(listed["threads"], json!(["usher", "drain", "keeper", "clerk"]));
     }
