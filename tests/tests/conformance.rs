@@ -90,13 +90,15 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
 fn an_engine_that_passes_its_probation_is_told_what_else_is_wrong_with_it() {
     let folder = Folder::new("conformance-own");
     let cases = [
-        ("fluid", "wasteful", "allocates nothing in a step"),
-        ("fluid", "late", "makes its steps in time"),
-        ("fluid", "honest", "lies when it is asked to"),
-        ("fluid", "deaf", "ends with the station"),
-        ("rendering", "headstrong", "hangs when it is asked to"),
+        ("fluid", "wasteful", "allocates nothing in a step", ""),
+        ("fluid", "late", "makes its steps in time", ""),
+        ("fluid", "honest", "lies when it is asked to", ""),
+        ("fluid", "deaf", "ends with the station", ""),
+        ("rendering", "headstrong", "hangs when it is asked to", ""),
+        // It refuses the NaN of the same tissue, and takes the epoch that is over.
+        ("device", "unfenced", "withstands what is wrong", "in its contact model: device refused nothing of it"),
     ];
-    for (role, kind, what) in cases.into_iter().filter(|(role, ..)| can_be_tried(role)) {
+    for (role, kind, what, why) in cases.into_iter().filter(|(role, ..)| can_be_tried(role)) {
         let (code, told, said) = tried(role, &bad_engine(folder.as_path(), role, kind));
         if code == Some(3) {
             not_shown(&format!("whether a {role} that is {kind} conforms: the machine was too busy"));
@@ -106,6 +108,10 @@ fn an_engine_that_passes_its_probation_is_told_what_else_is_wrong_with_it() {
         let checks = told["checks"].as_array().cloned().unwrap_or_default();
         let is = |what: &str, good: bool| checks.iter().any(|check| check["what"] == what && check["good"] == good);
         assert!(is("passes its probation", true) && is(what, false), "{role} {kind}: {told:#}");
+        let is_it = |check: &Value| check["what"] == what && check["why"].as_str().is_some_and(|text| text.contains(why));
+        assert!(checks.iter().any(is_it), "{role} {kind}: {told:#}");
+        let of_epoch = |check: &Value| check["why"].as_str().is_some_and(|text| text.starts_with("epoch of tissue:"));
+        assert!(kind != "unfenced" || checks.iter().any(of_epoch), "{role} {kind}: {told:#}");
     }
 }
 
@@ -131,6 +137,11 @@ fn the_stations_own_engines_conform() {
         for what in ["allocates nothing in a step", "lies when it is asked to"] {
             assert_eq!(is_tried(what), computed_from.contains(&role), "{role}: {what:?}: {told:#}");
         }
+        let of_lies = checks.iter().find(|check| check["what"] == "withstands what is wrong");
+        assert_eq!(of_lies.is_some(), role != "haptic", "{role}: {told:#}");
+        let has_refused = of_lies.and_then(|check| check["why"].as_str()).is_some_and(|why| why.contains("refused after"));
+        let refuses = ["tissue", "fluid", "collision-worker", "device"];
+        assert_eq!(has_refused, refuses.contains(&role), "{role}: {told:#}");
     }
 }
 

@@ -1,12 +1,13 @@
 //! `hystation conformance`: tells an engine's author what is wrong with it before a trainee's station does. The engine is verified, called with
 //! arguments that it must refuse, and swapped into a private station of its own, whose every check it has to pass; there it is killed once, and has to come
-//! back; its steps are looked at, and whether it does wrong when it is asked to; then that station is stopped, how it ends with it is looked at, and what is left
-//! of it is counted.
+//! back; its steps are looked at, whether it does wrong when it is asked to, and whether it withstands what others say wrong; then that station is stopped, how it
+//! ends with it is looked at, and what is left of it is counted.
 //!
 //! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in, or it
 //! was interrupted: then that station is ended first.
 
 mod driver;
+mod lied_to;
 mod own;
 
 use super::INTERRUPTED;
@@ -309,6 +310,7 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
         checks.push(check(COMES_BACK, comes_back(role, private)));
         checks.extend(own::steps(role, private, late));
         checks.extend(own::does_wrong(role, private));
+        checks.extend(lied_to::withstands(role, private));
     }
     Ok(checks)
 }
