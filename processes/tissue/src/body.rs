@@ -28,6 +28,8 @@ pub struct Room {
     pub objects: usize,
     /// Regions of material that the scene has, of which there come no more.
     pub regions: usize,
+    /// Numbers of what is there from the beginning, which nothing else gets: those below this.
+    pub named: usize,
 }
 
 impl Room {
@@ -41,6 +43,7 @@ impl Room {
             triangles: more(body.skin.triangles.len(), 8_192),
             objects,
             regions,
+            named: body.origin.len(),
         }
     }
 
@@ -274,7 +277,7 @@ mod tests {
     }
 
     pub(super) fn room() -> Room {
-        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4, regions: 0 }
+        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4, regions: 0, named: 2 }
     }
 
     #[test]

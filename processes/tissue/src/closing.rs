@@ -59,7 +59,16 @@ impl Closing {
     /// Whether a body's organ has the tets of the scene: a stroke that cuts it makes more of them, or takes some. The forces that lead a cut wall to its closed
     /// shape meet tets of every form, and a wall that is cut through has no such shape.
     pub fn is_whole(&self, body: &Body) -> bool {
-        body.rest.regions.iter().filter(|region| **region == self.organ.0).count() == self.organ.1
+        self.tets_of_organ(body) == self.organ.1
+    }
+
+    /// Goes by what has the organ's number in the scene's body: of a mesh that hangs apart that is a part of it.
+    pub fn know(&mut self, body: &Body) {
+        self.organ.1 = self.organ.1.min(self.tets_of_organ(body));
+    }
+
+    fn tets_of_organ(&self, body: &Body) -> usize {
+        body.rest.regions.iter().filter(|region| **region == self.organ.0).count()
     }
 
     /// What is said of it, one sentence each.

@@ -13,7 +13,7 @@ use glam::{Quat, Vec3};
 use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
-use hyst_scene::LoadedLoop;
+use hyst_scene::{LEAST_PART_M3, LoadedLoop};
 use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
@@ -213,6 +213,7 @@ fn handed_over(tissue: &mut Cuttable, before: &Body) -> Body {
 
 fn options(room: &Room) -> CutOptions {
     CutOptions {
+        min_piece_m3: LEAST_PART_M3,
         max_nodes: room.nodes,
         max_tets: room.tets,
         max_vertices: room.vertices,

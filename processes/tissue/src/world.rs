@@ -46,7 +46,7 @@ pub struct Case {
     objects: Vec<(String, ObjectKind)>,
     /// Whether an object of the scene has a cavity.
     hollow: Vec<bool>,
-    /// Whether anything holds an object of the scene from the beginning.
+    /// Whether anything holds an object of the scene, or a part of one that hangs apart, from the beginning.
     rooted: Vec<bool>,
     /// Density of each object of the scene, and what they are in.
     density_kg_m3: Vec<f64>,
@@ -184,7 +184,7 @@ impl Workshop {
         allocation::keep_what_is_freed();
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
         let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
-        let body = Body::of(scene, rest)?;
+        let mut body = Body::of(scene, rest)?;
         let options = Options {
             step_s: 1e-3 / f64::from(finer.max(1)),
             max_added_mass_ratio: if finer > 1 { 0.0 } else { MAX_ADDED_MASS_RATIO },
@@ -193,7 +193,9 @@ impl Workshop {
             isa,
             ..Options::default()
         };
-        let case = Arc::new(Case::of(scene, &body, &starts)?);
+        let mut case = Case::of(scene, &body, &starts)?;
+        case.register_parts(&mut body)?;
+        let case = Arc::new(case);
         let maker = ModelMaker::new(&materials(scene)?, options);
         let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps };
         let (model, report) = workshop.model(&body)?;

@@ -14,7 +14,7 @@ use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
 use crate::rigid::{LoadedRigid, load_rigid};
 use crate::source::{Folder, read_bounded};
-use crate::{case, embedded, mirror, region, wrap};
+use crate::{case, embedded, mirror, parts, region, wrap};
 use glam::Vec3;
 use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
@@ -123,6 +123,7 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &Seats) -> Resul
             object.attach =
                 Some(object::attach(&scene.deformable[index], index, &object.mesh, host, &meshes[host], &locators[host])?);
         }
+        notes.extend(parts::notes(&object));
         objects.push(object);
         hollow.push(deep);
     }
@@ -245,7 +246,7 @@ fn finish(
     notes: &mut Vec<String>,
 ) -> Result<(LoadedDeformable, Vec<usize>), SceneError> {
     let object = &scene.deformable[index];
-    let (surface, bindings, _) = object::bind(&object.name, index, &mesh, surface, notes)?;
+    let (surface, bindings) = object::bind(&object.name, index, &mesh, surface, notes)?;
     let boundary = hyst_mesh::boundary(&mesh).triangles;
     let mut on_boundary = vec![false; mesh.positions_m.len()];
     for &node in boundary.as_flattened() {

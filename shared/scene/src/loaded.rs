@@ -2,6 +2,7 @@
 
 use crate::file::{DeformableKind, Look, Material, Scene};
 use crate::fluid::LoadedFluid;
+use crate::parts::loose_m3;
 use crate::pose::{LoadedHand, Pose};
 use crate::region::LoadedRegion;
 use crate::rigid::LoadedRigid;
@@ -45,9 +46,9 @@ impl LoadedScene {
     /// Volume of what is to be removed, ml: of all pathology, but in a scene with jaws, which cut nothing, of what of it lies free.
     pub fn pathology_ml(&self) -> f64 {
         let has_jaws = self.rigid.first().is_some_and(|rigid| rigid.jaws.is_some());
-        let is_to_go = |object: &&LoadedDeformable| !has_jaws || (object.attach.is_none() && !object.is_held());
         let pathologies = self.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
-        pathologies.filter(is_to_go).map(|object| 1e6 * hyst_mesh::check(&object.mesh).volume_m3).sum()
+        let whole_m3 = |object: &LoadedDeformable| hyst_mesh::check(&object.mesh).volume_m3;
+        pathologies.map(|object| 1e6 * if has_jaws { loose_m3(object) } else { whole_m3(object) }).sum()
     }
 }
 

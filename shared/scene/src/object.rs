@@ -4,9 +4,10 @@ use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Deformable;
 use crate::loaded::{Attach, AttachedNode};
 use crate::locate::{Locator, bounds};
+use crate::parts::{self, LEAST_PART_M3, MAX_PARTS};
 use crate::place::Transform;
 use crate::source::Folder;
-use hyst_mesh::{BindReport, Binding, ORGAN_SIZE_M, Report, TetMesh, TriangleMesh, Unit, guess_unit};
+use hyst_mesh::{BindError, Binding, ORGAN_SIZE_M, Report, TetMesh, TriangleMesh, Unit, guess_unit};
 
 /// Most tets of one object: some fifty times what a step of 1 ms takes.
 pub const MAX_TETS: usize = 200_000;
@@ -132,8 +133,14 @@ impl RawObject {
                 .at(&self.mesh_name)
         })?;
         notes.extend(repaired.repairs.iter().map(|repair| format!("{}: {repair}", object.name)));
-        if self.report.components > 1 {
-            notes.push(format!("{}: {} parts that hang apart", object.name, self.report.components));
+        let (mesh, crumbs) = parts::without_crumbs(repaired.mesh).map_err(|parts| {
+            let what = format!("has {parts} parts that hang apart, at most {MAX_PARTS} are told apart");
+            let cure = "give parts that touch the same nodes, or leave small ones out";
+            SceneError::new(Kind::BadMesh, format!("deformable[{index}].mesh"), what, cure).at(&self.mesh_name)
+        })?;
+        if crumbs > 0 {
+            let (s, mm3) = (if crumbs == 1 { "" } else { "s" }, 1e9 * LEAST_PART_M3);
+            notes.push(format!("{}: dropped {crumbs} part{s} of less than {mm3:.1} mm³ that hung apart", object.name));
         }
         let touches = self.report.non_manifold_edges + self.report.non_manifold_vertices;
         if touches > 0 {
@@ -142,43 +149,42 @@ impl RawObject {
         if let Some((surface, _)) = &mut self.surface {
             transform.apply(&mut surface.positions_m);
         }
-        Ok((repaired.mesh, self.surface))
+        Ok((mesh, self.surface))
     }
 }
 
-/// Binds the surface, or the boundary where there is none.
+/// Binds the surface, or the boundary of each part where there is none.
 pub(crate) fn bind(
     name: &str,
     index: usize,
     mesh: &TetMesh,
     surface: Option<(TriangleMesh, String)>,
     notes: &mut Vec<String>,
-) -> Result<(TriangleMesh, Vec<Binding>, BindReport), SceneError> {
-    let given = surface.is_some();
-    let (surface, origin) = surface.unwrap_or_else(|| (hyst_mesh::boundary(mesh).to_mesh(&mesh.positions_m).0, String::new()));
+) -> Result<(TriangleMesh, Vec<Binding>), SceneError> {
     let key = format!("deformable[{index}].surface");
-    let failed = |what: String, cure: &str| SceneError::new(Kind::Apart, key.clone(), what, cure).at(&origin);
-    let (bindings, report) =
-        hyst_mesh::bind(&surface, mesh).map_err(|error| failed("cannot be bound".to_owned(), &error.to_string()))?;
-    if given {
-        let open = hyst_mesh::open_edges(&surface.triangles);
-        if open > 0 {
-            notes.push(format!(
-                "{name}: the surface is not closed, {open} of its edges have one triangle only; if it was cut short, export it again"
-            ));
-        }
-        let (low, high) = bounds(&mesh.positions_m);
-        let share = report.max_outside_m / (high - low).max_element().max(f32::MIN_POSITIVE);
-        let far = format!("vertex {} is {:.2} mm away from its tets", report.farthest_vertex, 1e3 * report.max_outside_m);
-        if share > MAX_OUTSIDE_SHARE {
-            let cure = "give the surface that belongs to this mesh, in the same unit and frame, or none to draw the boundary";
-            return Err(failed(format!("{far}, {:.0} % of the organ's size", 100.0 * share), cure));
-        }
-        if share > NOTED_OUTSIDE_SHARE {
-            notes.push(format!("{name}: {} surface vertices lie outside the tets; {far}", report.outside));
-        }
+    let failed = |what: String, cure: &str, origin: &str| SceneError::new(Kind::Apart, key.clone(), what, cure).at(origin);
+    let unbound = |error: BindError, origin: &str| failed("cannot be bound".to_owned(), &error.to_string(), origin);
+    let Some((surface, origin)) = surface else {
+        return parts::bind_boundary(mesh).map_err(|error| unbound(error, ""));
+    };
+    let (bindings, report) = hyst_mesh::bind(&surface, mesh).map_err(|error| unbound(error, &origin))?;
+    let open = hyst_mesh::open_edges(&surface.triangles);
+    if open > 0 {
+        notes.push(format!(
+            "{name}: the surface is not closed, {open} of its edges have one triangle only; if it was cut short, export it again"
+        ));
     }
-    Ok((surface, bindings, report))
+    let (low, high) = bounds(&mesh.positions_m);
+    let share = report.max_outside_m / (high - low).max_element().max(f32::MIN_POSITIVE);
+    let far = format!("vertex {} is {:.2} mm away from its tets", report.farthest_vertex, 1e3 * report.max_outside_m);
+    if share > MAX_OUTSIDE_SHARE {
+        let cure = "give the surface that belongs to this mesh, in the same unit and frame, or none to draw the boundary";
+        return Err(failed(format!("{far}, {:.0} % of the organ's size", 100.0 * share), cure, &origin));
+    }
+    if share > NOTED_OUTSIDE_SHARE {
+        notes.push(format!("{name}: {} surface vertices lie outside the tets; {far}", report.outside));
+    }
+    Ok((surface, bindings))
 }
 
 /// Which nodes of an attached object lie in its host.

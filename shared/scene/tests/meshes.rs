@@ -263,3 +263,50 @@ fn jaws_lie_along_their_shaft_on_one_side_of_it_and_open_no_farther_than_they_ca
         assert!(error.kind == kind && error.to_string().contains(what) && error.key.starts_with("rigid[0].jaws"), "{error}");
     }
 }
+
+/// The numbers of a section of a Gmsh file, line by line.
+fn numbers(text: &str, section: &str) -> Vec<Vec<f64>> {
+    let (_, rest) = text.split_once(&format!("${section}\n")).unwrap();
+    let (inner, _) = rest.split_once(&format!("$End{section}")).unwrap();
+    inner.lines().skip(1).map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect()).collect()
+}
+
+/// Two blocks of 20 units in one file, the second 20 units beyond the first on each axis, and a tet without a volume that has nodes of both.
+fn two_blocks() -> String {
+    let [(mut nodes, mut tets), (other_nodes, other_tets)] =
+        [0.0, 40.0].map(|shift| block(2, 20.0, shift)).map(|text| (numbers(&text, "Nodes"), numbers(&text, "Elements")));
+    let [first_node, first_tet] = [nodes.len(), tets.len()].map(|count| count as f64);
+    nodes.extend(other_nodes.iter().map(|node| [&[node[0] + first_node][..], &node[1..]].concat()));
+    let moved = |tet: &Vec<f64>| -> Vec<f64> { tet[5..].iter().map(|node| node + first_node).collect() };
+    tets.extend(other_tets.iter().map(|tet| [&[tet[0] + first_tet][..], &tet[1..5], &moved(tet)[..]].concat()));
+    tets.push(vec![tets.len() as f64 + 1.0, 4.0, 2.0, 1.0, 1.0, 1.0, 2.0, 3.0, first_node + 1.0]);
+    let section = |name: &str, rows: &[Vec<f64>]| {
+        let line = |row: &Vec<f64>| row.iter().map(f64::to_string).collect::<Vec<String>>().join(" ");
+        let lines: Vec<String> = rows.iter().map(line).collect();
+        format!("${name}\n{}\n{}\n$End{name}\n", rows.len(), lines.join("\n"))
+    };
+    format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n{}{}", section("Nodes", &nodes), section("Elements", &tets))
+}
+
+#[test]
+fn what_hangs_apart_is_counted_after_the_repair_and_said_with_what_nothing_holds() {
+    let folder = Folder::new("apart");
+    folder.file("organ.msh", &two_blocks());
+    folder.file("jaw.obj", &a_box([0.0, -1.5, 0.0], [1.0, 1.5, 9.0]));
+    let load = |fixed: &str| {
+        let organ = format!("kind = \"pathology\"\nmesh = \"organ.msh\"\nscale_to_m = 0.001\nfixed = [{fixed}]");
+        folder.load_with(&organ, "jaws = { mesh = \"jaw.obj\", scale_to_m = 0.001 }").unwrap()
+    };
+    let said = |scene: &LoadedScene| scene.notes.iter().find(|note| note.contains("hang apart")).cloned().unwrap_or_default();
+    let one = load("{ below_z_m = 0.005 }");
+    let parts = ["2 parts that hang apart", "holds 1 of them (8000.0 mm³)"];
+    assert!(parts.iter().all(|part| said(&one).contains(part)), "{:?}", one.notes);
+    assert!((one.pathology_ml() - 8.0).abs() < 1e-4, "{} ml are loose", one.pathology_ml());
+    let report = check(Some(&folder.0.join("scene.toml")));
+    assert_eq!(report.objects[0].components, 1, "in the file a flat tet joins them");
+    assert!(report.to_string().contains(&said(&one)), "{report}");
+    let both = load("{ below_z_m = 0.005 }, { above_z_m = 0.055 }");
+    assert!(said(&both).ends_with("each is held"), "{:?}", both.notes);
+    assert_eq!(both.pathology_ml(), 0.0);
+    assert_eq!(said(&load("{ sphere = { centre_m = [1.0, 1.0, 1.0], radius_m = 0.01 } }")).matches("holds 2 of them").count(), 1);
+}

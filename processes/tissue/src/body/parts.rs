@@ -1,7 +1,7 @@
 //! Parts of a body that hang together no more, and the numbers that they get as objects.
 //!
 //! Promise: nothing that is free stays a part of another object, where it would neither float nor be counted: without a number that nobody has it is burnt, the
-//! smallest first. A number names one thing at a time, and is had again only when all have been given once; those of the scene's objects are theirs.
+//! smallest first. A number names one thing at a time, and is had again only when all have been given once; those of what is there at first are its own.
 
 use super::{Body, Room};
 use std::collections::BTreeMap;
@@ -79,9 +79,8 @@ impl Body {
         let known = self.origin.len();
         let mut is_used = vec![false; known];
         self.rest.regions.iter().for_each(|region| is_used[*region as usize] = true);
-        // An object of the scene is its own origin.
-        let is_gone = |number: &usize| !is_used[*number] && self.origin[*number] != *number as u32;
-        (known..room.objects).chain((0..known).filter(is_gone)).take(count).map(|number| number as u32).collect()
+        let gone = (room.named..known).filter(|number| !is_used[*number]);
+        (known..room.objects).chain(gone).take(count).map(|number| number as u32).collect()
     }
 }
 
@@ -158,7 +157,7 @@ mod tests {
 
     #[test]
     fn of_more_chips_than_there_are_numbers_the_smallest_are_burnt_and_none_stays_in_its_mother() {
-        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 256, regions: 0 };
+        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 256, regions: 0, named: 1 };
         let mut body = chips(300);
         let (before_m3, small_m3) = (body.volume_of_m3(0), body.volume_m3([180, 181, 182, 183]));
         let new = registered(&mut body, |node| node == 0, &room);
@@ -173,7 +172,7 @@ mod tests {
 
     #[test]
     fn numbers_of_pieces_that_are_gone_are_given_again_once_all_were_given_and_those_of_the_scene_are_not() {
-        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 8, regions: 0 };
+        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 8, regions: 0, named: 2 };
         let mut body = chips(4);
         // The scene has two objects, of which the second is gone from the beginning.
         body.origin = vec![0, 1];

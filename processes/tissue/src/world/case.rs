@@ -5,12 +5,14 @@ use super::{Case, mean_edge_m};
 use crate::body::{Body, Room};
 use crate::closing::Closing;
 use crate::drift::Bath;
+use crate::knife::register_parts;
 use crate::materials::{FIRST_REGION, Region, regions};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::site::MAX_OBJECTS;
 use crate::tool::Tool;
 use hyst_engine::Failure;
+use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::{ObjectKind, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
 
@@ -49,6 +51,24 @@ impl Case {
             rest_pressure_pa: scene.fluid.rest_pressure_pa,
             closing: Closing::of(scene),
         })
+    }
+
+    /// Makes objects of the parts that hang apart in the scene's meshes, as after a cut: else the first cut anywhere would, and count those that nothing holds.
+    /// An object that hangs together stays what it is.
+    pub(super) fn register_parts(&mut self, body: &mut Body) -> Result<(), Failure> {
+        let part_of_tet = component_of_each_tet(&body.rest);
+        let (parts, most) = (part_of_tet.iter().max().map_or(0, |last| *last as usize + 1), self.room.objects);
+        if parts > most {
+            let cure = "give parts that touch the same nodes, or leave small ones out";
+            let what = format!("the scene's meshes have {parts} parts that hang apart, at most {most} are told apart; {cure}");
+            return Err(Failure::Input(what));
+        }
+        let (pieces, _) = register_parts(self, body, &part_of_tet);
+        // Their numbers are those behind the scene's objects, in this order.
+        self.rooted.extend(pieces.iter().map(|piece| piece.is_held));
+        self.room.named = body.origin.len();
+        self.closing.know(body);
+        Ok(())
     }
 
     /// The object of the scene that an object is, or was a part of.
@@ -91,7 +111,7 @@ impl Case {
         (object as usize) < self.objects.len()
     }
 
-    /// Whether an object is one of the scene that nothing has ever held.
+    /// Whether an object is one of the scene, or a part of one that hung apart at first, that nothing has ever held.
     pub fn is_loose_in_scene(&self, object: u32) -> bool {
         self.rooted.get(object as usize).is_some_and(|is_rooted| !is_rooted)
     }
