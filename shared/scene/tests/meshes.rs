@@ -82,6 +82,52 @@ fn a_mesh_alone_is_a_scene() {
     assert!(scene.hand("press").is_some() && scene.hand("explore").is_some());
 }
 
+/// The shipped polyp, each other tet of it with another number than it came with, as Gmsh, Medit and TetGen write a mesh.
+fn polyp_in_three_formats() -> [(&'static str, String); 4] {
+    let shipped = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/meshes/polyp.msh")).unwrap();
+    let numbered = |line: &str| match line.split_once(" 4 2 1 1 ") {
+        Some((tet, corners)) if tet.parse::<u32>().unwrap().is_multiple_of(2) => format!("{tet} 4 2 2 1 {corners}\n"),
+        _ => format!("{line}\n"),
+    };
+    let gmsh: String = shipped.lines().map(numbered).collect();
+    let mesh = hyst_mesh::read_tets("polyp.msh", gmsh.as_bytes()).unwrap();
+    let (nodes, tets) = (mesh.positions_m.len(), mesh.tets.len());
+    let places = || mesh.positions_m.iter().map(|[x, y, z]| format!("{x} {y} {z}"));
+    let cells = |first: u32| {
+        let corners = move |tet: &[u32; 4]| tet.map(|node| (node + first).to_string()).join(" ");
+        mesh.tets.iter().zip(&mesh.regions).map(move |(tet, number)| format!("{} {number}", corners(tet)))
+    };
+    let in_lines = |lines: &mut dyn Iterator<Item = String>| lines.map(|line| line + "\n").collect::<String>();
+    let counted = |(index, line): (usize, String)| format!("{index:5}    {line}");
+    // A triangle beside the tets, as programs write a boundary; counted from 0, as TetGen does unasked.
+    let medit = format!(
+        "MeshVersionFormatted 2\n\nDimension\n3\n\nVertices\n{nodes}\n{}\n\
+         Triangles\n1\n1 2 3 0\n\nTetrahedra\n{tets}\n{}\nEnd\n",
+        in_lines(&mut places().map(|place| place + " 0")),
+        in_lines(&mut cells(1))
+    );
+    let node = format!("{nodes}  3  0  0\n{}# the end\n", in_lines(&mut places().enumerate().map(counted)));
+    let ele = format!("{tets}  4  1\n{}# the end\n", in_lines(&mut cells(0).enumerate().map(counted)));
+    [("polyp.msh", gmsh), ("polyp.mesh", medit), ("polyp.node", node), ("polyp.ele", ele)]
+}
+
+#[test]
+fn a_shipped_organ_has_the_same_nodes_tets_and_regions_from_other_formats() {
+    let folder = Folder::new("same");
+    let files = polyp_in_three_formats();
+    files.iter().for_each(|(name, content)| drop(folder.file(name, content)));
+    let [gmsh, others @ ..] = files.map(|(name, _)| {
+        let region = "[[deformable.region]]\nname = \"other\"\ntets = [{ tag = 2 }]\nyoungs_modulus_pa = 66e3";
+        let scene = folder.load(&format!("mesh = \"{name}\"\nscale_to_m = 0.001\n{region}"));
+        (name, scene.unwrap_or_else(|error| panic!("{name}: {error}")).objects.swap_remove(0).mesh)
+    });
+    let of_other = gmsh.1.regions.iter().filter(|region| **region == 1).count();
+    assert_eq!((gmsh.1.positions_m.len(), gmsh.1.tets.len(), of_other), (84, 206, 103));
+    for (name, mesh) in others {
+        assert_eq!(mesh, gmsh.1, "{name}");
+    }
+}
+
 #[test]
 fn a_given_place_is_kept_to_the_millimetre() {
     let folder = Folder::new("given");

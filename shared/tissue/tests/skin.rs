@@ -3,32 +3,13 @@
 
 mod common;
 
-use common::cuts::{assert_sound, bar, corners, dressed, in_its_boundary, parts, shipped, straight};
+use common::cuts::{bar, corners, in_its_boundary, joining, parts, polyp, straight, sweep};
 use glam::{DVec3, Vec3};
-use hyst_mesh::{Binding, component_of_each_tet, read_triangles, signed_volume};
-use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Skin, cut};
-use std::path::Path;
-
-/// The default scene's polyp with its finer surface.
-fn polyp() -> Cuttable {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes/polyp-surface.obj");
-    let mut surface = read_triangles("polyp-surface.obj", &std::fs::read(path).unwrap()).unwrap();
-    surface.scale_to_m(1e-3);
-    dressed(Cuttable::at_rest(shipped("polyp.msh")), &surface)
-}
+use hyst_mesh::{Binding, component_of_each_tet, signed_volume};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Skin, cut};
 
 fn point(points: &[[f32; 3]], index: u32) -> DVec3 {
     DVec3::from_array(points[index as usize].map(f64::from))
-}
-
-/// What must hold after each sweep beside what [`assert_sound`] says.
-fn assert_skin(tissue: &Cuttable) {
-    let skin = &tissue.skin;
-    // Where the tissue is at rest the surface is where it was bound.
-    let placed = skin.place(&tissue.rest.tets, &tissue.rest.positions_m);
-    for (vertex, rest) in placed.iter().zip(&skin.rest_m) {
-        assert!(Vec3::from(*vertex).distance(Vec3::from(*rest)) < 2e-5, "{vertex:?} is not at {rest:?}");
-    }
 }
 
 /// The volume that the triangles of each part of the tissue enclose at rest, beside the part's own; and triangles between two parts.
@@ -40,25 +21,11 @@ fn volumes(tissue: &Cuttable) -> (Vec<[f64; 2]>, usize) {
     }
     let skin = &tissue.skin;
     let of_vertex = |vertex: u32| part[skin.bindings[vertex as usize].tet as usize];
-    let mut between = 0;
     for triangle in &skin.triangles {
         let [a, b, c] = triangle.map(|vertex| point(&skin.rest_m, vertex));
         volumes[of_vertex(triangle[0]) as usize][0] += a.cross(b).dot(c) / 6.0;
-        between += usize::from(triangle.iter().any(|vertex| of_vertex(*vertex) != of_vertex(triangle[0])));
     }
-    (volumes, between)
-}
-
-fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) -> Vec<CutReport> {
-    let mut reports = Vec::new();
-    for wire in places {
-        let before = tissue.clone();
-        let report = cut(tissue, wire, options).unwrap();
-        assert_sound(&before, tissue, &report, options);
-        assert_skin(tissue);
-        reports.push(report);
-    }
-    reports
+    (volumes, joining(tissue))
 }
 
 /// What was laid open is marked, and nothing else: the wound of a straight cut lies in its plane, up to what a node is moved or a crossing is snapped.

@@ -170,9 +170,12 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     maker.options.omega_rest_per_s = Some(whole.omega_rest_per_s);
     let mut faces = TopologyMaker::default();
     topology_of(&mut faces, &tissue.rest).map_err(text)?;
-    let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
+    // Room for a mesh of any size: without it the wire would part nothing.
+    let (room, nodes, tets) = (CutOptions::default(), tissue.rest.positions_m.len(), tissue.rest.tets.len());
+    let options = CutOptions { max_nodes: room.max_nodes.max(2 * nodes), max_tets: room.max_tets.max(2 * tets), ..room };
+    let mut knife = Knife { tets: [tets; 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
     for wire in wires(scene, MIDDLE)? {
-        let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &CutOptions::default())).map_err(text)?;
+        let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &options)).map_err(text)?;
         if report.has_changed_mesh() {
             timed(&mut knife.model_ns, || maker.make(&tissue.rest, &tissue.fixed)).map_err(text)?;
             timed(&mut knife.topology_ns, || topology_of(&mut faces, &tissue.rest)).map_err(text)?;

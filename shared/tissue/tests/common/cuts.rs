@@ -2,14 +2,20 @@
 
 use super::block;
 use glam::{DVec3, Vec3};
-use hyst_mesh::{TetMesh, TriangleMesh, bind, boundary, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
+use hyst_mesh::{
+    TetMesh, TriangleMesh, bind, boundary, check, component_of_each_tet, quality, read_tets, read_triangles, repair,
+    signed_volume,
+};
 use hyst_tissue::{CutOptions, CutReport, Cuttable, Skin, cut};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+fn bytes_of(name: &str) -> Vec<u8> {
+    std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes").join(name)).unwrap()
+}
+
 pub fn shipped(name: &str) -> TetMesh {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes").join(name);
-    let mut mesh = read_tets(name, &std::fs::read(&path).unwrap()).unwrap();
+    let mut mesh = read_tets(name, &bytes_of(name)).unwrap();
     if check(&mesh).max_m.iter().any(|coordinate| *coordinate > 1.0) {
         mesh.scale_to_m(1e-3);
     }
@@ -44,6 +50,13 @@ pub fn dressed(mut tissue: Cuttable, surface: &TriangleMesh) -> Cuttable {
 pub fn in_its_boundary(tissue: Cuttable) -> Cuttable {
     let (surface, _) = boundary(&tissue.rest).to_mesh(&tissue.rest.positions_m);
     dressed(tissue, &surface)
+}
+
+/// The default scene's polyp with its finer surface.
+pub fn polyp() -> Cuttable {
+    let mut surface = read_triangles("polyp-surface.obj", &bytes_of("polyp-surface.obj")).unwrap();
+    surface.scale_to_m(1e-3);
+    dressed(Cuttable::at_rest(shipped("polyp.msh")), &surface)
 }
 
 /// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
@@ -157,7 +170,8 @@ fn assert_sound_now(before: &Cuttable, after: &Cuttable, report: &CutReport) {
     assert!(is_kept, "{old} m³ where it is now became {new}, {} tets burnt", report.burnt_tets);
 }
 
-/// The surface for the eye follows tets that are there, and has no more than there is room for.
+/// The surface for the eye follows tets that are there, from where it was bound to them; none of its triangles joins two parts; it has no more than there is
+/// room for.
 fn assert_bound(before: &Cuttable, after: &Cuttable, options: &CutOptions) {
     let (skin, tets) = (&after.skin, after.rest.tets.len());
     assert_eq!((skin.bindings.len(), skin.raw.len()), (skin.rest_m.len(), skin.rest_m.len()));
@@ -174,6 +188,29 @@ fn assert_bound(before: &Cuttable, after: &Cuttable, options: &CutOptions) {
         skin.rest_m.len() <= options.max_vertices.max(before.skin.rest_m.len())
             && skin.triangles.len() <= options.max_triangles.max(before.skin.triangles.len())
     );
+    assert_placed(after);
+    // A vertex for which there is no room stays one, between two sides, also in later sweeps that find room.
+    if options.max_vertices >= CutOptions::default().max_vertices {
+        assert_eq!(joining(after), 0, "triangles join two parts");
+    }
+}
+
+/// Where the tissue is at rest the surface for the eye is where it was bound, also what lies outside of all tets: its weights are those in the tet that is there
+/// now.
+fn assert_placed(tissue: &Cuttable) {
+    let skin = &tissue.skin;
+    let placed = skin.place(&tissue.rest.tets, &tissue.rest.positions_m);
+    for (vertex, rest) in placed.iter().zip(&skin.rest_m) {
+        assert!(Vec3::from(*vertex).distance(Vec3::from(*rest)) < 2e-5, "{vertex:?} is not at {rest:?}");
+    }
+}
+
+/// How many triangles of the surface for the eye have corners that follow different parts of the tissue.
+pub fn joining(tissue: &Cuttable) -> usize {
+    let (part, skin) = (component_of_each_tet(&tissue.rest), &tissue.skin);
+    let of_vertex = |vertex: u32| part[skin.bindings[vertex as usize].tet as usize];
+    let joins = |triangle: &&[u32; 3]| triangle.iter().any(|vertex| of_vertex(*vertex) != of_vertex(triangle[0]));
+    skin.triangles.iter().filter(joins).count()
 }
 
 /// Sweeps a wire along its places and asserts after each.
