@@ -80,7 +80,7 @@ fn a_cut_that_found_no_room_is_counted_and_said_and_goes_on_along_what_is_there(
     let roomy = swept("roomy", |_, _| (), SWEEP, sweeping);
     println!("with room: {} cuts, {} limits, {:?} more", roomy.core.cuts, roomy.core.cut_limits, roomy.grown);
     for (of, (what, cramp)) in cramps.into_iter().enumerate() {
-        let cramped = swept(what, cramp, SWEEP, sweeping);
+        let cramped = swept(&format!("few{of}"), cramp, SWEEP, sweeping);
         let (cuts, limits) = (cramped.core.cuts, cramped.core.cut_limits);
         println!("few {what}: {cuts} cuts, {} of them later, {limits} limits, {:?} more", cramped.later, cramped.grown);
         assert!(roomy.grown[of] > LEFT[of], "a stroke takes {} {what}: nothing was tried", roomy.grown[of]);
@@ -135,7 +135,7 @@ fn a_piece_for_which_there_is_no_number_is_burnt_and_the_sweep_met_a_limit() {
         straight(case, body);
         case.room.objects = body.origin.len();
     };
-    let cramped = swept("unnumbered", full, ACROSS, drawing);
+    let cramped = swept("burnt", full, ACROSS, drawing);
     for (what, swept) in [("with", &roomy), ("without", &cramped)] {
         let Core { cuts, cut_limits, removed_volume_ml, largest_piece_ml, .. } = swept.core;
         let objects = swept.objects;
