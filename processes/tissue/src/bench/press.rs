@@ -133,8 +133,13 @@ impl Press {
 
     /// The same with settings that are not the station's.
     pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, settings: Settings) -> Result<Press, String> {
+        let (_, world) = Workshop::open_finer(scene, isa, settings.finer, settings.stiffer).map_err(text)?;
+        Press::of(world, scene, threads, settings)
+    }
+
+    /// The same of a world that was made of a scene with these settings, whatever has been cut of it.
+    pub fn of(world: World, scene: &LoadedScene, threads: usize, settings: Settings) -> Result<Press, String> {
         let Settings { finer, stiffer } = settings;
-        let (_, world) = Workshop::open_finer(scene, isa, finer, stiffer).map_err(text)?;
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
