@@ -5,7 +5,7 @@
 //! that decides by the state alone, too. Under the current that coagulates the wire cuts nothing, and is as solid as a cold one.
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::body::{Body, Piece, Room};
 use crate::world::{Case, Held, World};

@@ -1,6 +1,7 @@
 //! What the real-time settings cost in truth: the force that the hand feels and the displacement of the tissue, beside the solution that is converged in
-//! time on the same mesh, with the same tool in the same places. There steps are shorter, and with them the contacts are looked for more often, and
-//! nowhere is mass added. And what the contact gives way by itself, which both have alike: beside the same short steps with a contact many times as stiff.
+//! time on the same mesh, whole or cut, with the same tool in the same places. There steps are shorter, and with them the contacts are looked for more
+//! often, and nowhere is mass added. And what the contact gives way by itself, which both have alike: beside the same short steps with a contact many times
+//! as stiff.
 
 use super::press::{Press, Record};
 use crate::world::Otherwise;
@@ -45,16 +46,19 @@ pub fn softness(scene: &LoadedScene, finer: u32, stiffer: f32, ticks: usize) -> 
 
 /// How far the first of two runs is from the second.
 fn between(scene: &LoadedScene, otherwise: [Otherwise; 2], ticks: usize) -> Result<Apart, String> {
-    let mut press = Vec::new();
-    for otherwise in otherwise {
-        press.push((Press::with(scene, Isa::detect(), 1, otherwise)?, Record::default()));
-    }
+    let [first, second] = otherwise.map(|otherwise| Press::with(scene, Isa::detect(), 1, otherwise));
+    pressed([first?, second?], ticks)
+}
+
+/// The same of two that are at rest.
+fn pressed(press: [Press; 2], ticks: usize) -> Result<Apart, String> {
+    let mut press = press.map(|press| (press, Record::default()));
     let mut apart = Apart::default();
     for tick in 0..ticks {
         for (press, record) in &mut press {
             press.tick(tick, record)?;
         }
-        let [(coarse, felt), (fine, right)] = &press[..] else { return Err("two runs".into()) };
+        let [(coarse, felt), (fine, right)] = &press;
         apart.force = apart.force.max(distance(felt.force_n, right.force_n));
         apart.most_n = apart.most_n.max(distance(right.force_n, [0.0; 3]));
         if tick % LOOK == 0 {
@@ -71,6 +75,12 @@ fn between(scene: &LoadedScene, otherwise: [Otherwise; 2], ticks: usize) -> Resu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body::Body;
+    use crate::knife::tests::drawn;
+    use crate::world::Workshop;
+    use glam::Vec3;
+    use hyst_mesh::check;
+    use hyst_scene::DeformableKind;
     use std::path::Path;
 
     /// What is allowed, as a share of the largest figure of the converged solution.
@@ -126,6 +136,81 @@ mod tests {
     #[test]
     fn those_of_the_grasper_are() {
         assert_near("grasper", 8);
+    }
+
+    /// Way of a wire from one sweep to the next, m: it cuts in each.
+    const SWEEP_M: f32 = 0.6e-3;
+    /// Radius of the default instrument, and how far its hand `press` comes before it touches, as a share of its way.
+    const RADIUS_M: f32 = 2.5e-3;
+    const TOUCHES: f32 = 0.43;
+    /// How far the slit begins above the wall, and ends in it, and half of its length, m.
+    const SLIT_M: f32 = 2e-3;
+    const HALF_SLIT_M: f32 = 5e-3;
+    /// How many times as fine the steps are that a cut mesh is tried with: the first with which no mass has to be added.
+    const FINER_OF_CUT: [u32; 3] = [8, 16, 32];
+
+    /// The body that a straight wire leaves of a scene, whose middle goes from one place to another; from there to its end it is `half`.
+    fn cut(scene: &LoadedScene, [from, to]: [Vec3; 2], half: Vec3) -> Body {
+        let steps = (from.distance(to) / SWEEP_M).ceil();
+        let wire = |step: u32| {
+            let middle = from.lerp(to, step as f32 / steps);
+            [middle - half, middle, middle + half].map(|place| place.to_array())
+        };
+        let wires: Vec<[[f32; 3]; 3]> = (0..=steps as u32).map(wire).collect();
+        let (mut workshop, world) = Workshop::open(scene, Isa::detect()).unwrap();
+        let (tets, objects) = (world.body.rest.tets.len(), world.objects.len());
+        let (world, sweeps) = drawn(&mut workshop, world, &wires, |_| ());
+        println!("{sweeps} sweeps make {} tets of {tets}", world.body.rest.tets.len());
+        assert!(sweeps > 2 && world.body.rest.tets.len() > tets + 10, "{sweeps} sweeps: hardly anything is cut");
+        assert_eq!(world.objects.len(), objects, "nothing comes free");
+        world.body
+    }
+
+    /// A body of a scene, at rest, in steps so many times as fine; its model's mass, kg, and substeps of such a step.
+    fn press_of(scene: &LoadedScene, body: &Body, finer: u32) -> Result<(Press, f64, u32), String> {
+        let otherwise = Otherwise { finer, ..Otherwise::default() };
+        let (mut workshop, _) = Workshop::open_other(scene, Isa::detect(), otherwise).map_err(|error| error.to_string())?;
+        let world = workshop.make(body.clone()).map_err(|error| error.to_string())?;
+        let mass_kg = world.model.mass_kg().iter().map(|mass_kg| f64::from(*mass_kg)).sum();
+        let substeps = world.model.substeps(1e-3 / f64::from(finer));
+        Ok((Press::of(world, scene, 1, otherwise)?, mass_kg, substeps))
+    }
+
+    /// Of a body that was cut: its model has the mass that thin tets ask for, and the frequency at rest of the mesh before.
+    fn assert_cut_near(what: &str, scene: &LoadedScene, body: &Body) {
+        let (coarse, with_added_kg, substeps) = press_of(scene, body, 1).unwrap();
+        let fine = FINER_OF_CUT.into_iter().find_map(|finer| Some((finer, press_of(scene, body, finer).ok()?)));
+        let (finer, (fine, own_kg, fine_substeps)) = fine.expect("steps that are short enough");
+        let apart = pressed([coarse, fine], TICKS).unwrap();
+        let added = 100.0 * (with_added_kg / own_kg - 1.0);
+        println!("{what}: {substeps} substeps with {added:.3} % of mass added, beside {finer} times {fine_substeps}: {apart:?}");
+        assert!(apart.most_n > LEAST_N && apart.most_m > 1e-3, "{what}: the hand hardly touches: {apart:?}");
+        assert!(apart.force < MOST && apart.displacement < MOST, "{what}: {apart:?}");
+        assert!(apart.force > 0.0, "{what}: the two are one");
+    }
+
+    #[test]
+    fn those_of_the_default_scene_are_after_its_polyp_was_cut_half_through() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let polyp = scene.objects.iter().find(|object| object.kind == DeformableKind::Pathology).unwrap();
+        let found = check(&polyp.mesh);
+        let (low, high) = (Vec3::from(found.min_m), Vec3::from(found.max_m));
+        let middle = low.midpoint(high);
+        let way = [middle.with_z(low.z - SWEEP_M), middle];
+        let body = cut(&scene, way, Vec3::Y * (high.y - low.y));
+        assert_cut_near("a polyp cut half through", &scene, &body);
+    }
+
+    /// There the cut is in what is pressed.
+    #[test]
+    fn those_of_a_wall_are_that_is_pressed_where_it_was_slit() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let way = &scene.hand("press").unwrap().way;
+        let [from, into] = [0, 1].map(|place| Vec3::from(way[place].tip_m(scene.workspace.pivot_m)));
+        let down = (into - from).normalize();
+        let wall = from.lerp(into, TOUCHES) + RADIUS_M * down;
+        let body = cut(&scene, [wall - SLIT_M * down, wall + SLIT_M * down], HALF_SLIT_M * Vec3::Z);
+        assert_cut_near("a wall with a slit", &scene, &body);
     }
 
     /// A contact that is many times as stiff is met with more force, and does not swing in steps as short as these. Expected of ten times: a fifth to a third

@@ -117,8 +117,13 @@ impl Press {
 
     /// The same with what is not as in the station.
     pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
-        let Otherwise { finer, stiffer, .. } = otherwise;
         let (_, world) = Workshop::open_other(scene, isa, otherwise).map_err(text)?;
+        Press::of(world, scene, threads, otherwise)
+    }
+
+    /// The same of a world that was made of a scene so, whatever has been cut of it.
+    pub fn of(world: World, scene: &LoadedScene, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
+        let Otherwise { finer, stiffer, .. } = otherwise;
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);

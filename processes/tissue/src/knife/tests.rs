@@ -112,7 +112,12 @@ fn through(world: &World, random: &mut impl FnMut() -> f32) -> Vec<[[f32; 3]; 3]
 }
 
 /// Draws a wire, and looks at the world that each sweep leaves; gives the last one, and how many there were.
-fn drawn(workshop: &mut Workshop, mut world: World, wires: &[[[f32; 3]; 3]], looks: impl Fn(&World)) -> (World, usize) {
+pub(crate) fn drawn(
+    workshop: &mut Workshop,
+    mut world: World,
+    wires: &[[[f32; 3]; 3]],
+    looks: impl Fn(&World),
+) -> (World, usize) {
     let (mut knife, mut stroke, mut sweeps) = (Knife::default(), Vec::<u32>::new(), 0);
     let (mut positions_m, mut velocities_m_s) = (world.model.rest_m().to_vec(), vec![[0.0; 3]; world.model.node_count()]);
     for wire_m in wires {

@@ -1,6 +1,7 @@
 //! Promise of the Main Loop: a state and a job are written in full, so that what an older message left in the loan is nowhere in them.
 
 mod apart;
+mod blind;
 mod closing;
 mod cold;
 mod corrections;

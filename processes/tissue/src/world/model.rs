@@ -53,13 +53,18 @@ pub(super) fn notes(report: &ModelReport) -> Vec<String> {
 
 #[cfg(test)]
 impl Workshop {
-    /// A world with room for so many tets beyond its own, and for no more in those that are made of it.
-    pub fn cramp(&mut self, world: super::World, tets: usize) -> super::World {
+    /// A world of another case, and so are those that are made of it: with less room, or another loop.
+    pub fn cramp(&mut self, world: super::World, change: impl FnOnce(&mut super::Case, &Body)) -> super::World {
         let body = world.body.clone();
         drop(world);
         let case = std::sync::Arc::get_mut(&mut self.case).expect("nobody else has the case");
-        case.room.tets = body.rest.tets.len() + tets;
+        change(case, &body);
         self.make(body).unwrap()
+    }
+
+    /// Has the models that are made from here on bear contacts of a stiffness, N/m.
+    pub fn stiffen(&mut self, contact_n_m: f64) {
+        self.maker.options.contact_stiffness_n_m = contact_n_m;
     }
 }
 

@@ -1,0 +1,178 @@
+//! Promise of tissue and servo about a hand that goes on for a tenth of a second while nobody steps the tissue: it feels the planes of the last state, no step
+//! of the force comes of that, and the way back to fresh planes is as gentle as the servo's blend makes it.
+//!
+//! What of it is bounded by construction: planes that stand still make a force that changes by no more than the coupling's stiffness times the way of the tip,
+//! however stiff they say that they are. So no step is left for the time without tissue. How far the frozen planes lead from the tissue meanwhile is no such
+//! figure, and is printed; what of that the hand feels when fresh planes come is what the servo lets a model change the force by in a tick.
+
+use super::*;
+use glam::Vec3;
+use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
+
+/// Speed of the hand, m/s, and a tick, s.
+const SPEED_M_S: f32 = 0.02;
+const DT_S: f32 = 1e-3;
+/// Ticks from the first contact until the tissue is heard no more, half a millimetre; ticks without it; those in which the hand goes on when it is back, and
+/// in which it rests then.
+const DEEP: u64 = 25;
+const BLIND: u64 = 100;
+const ON: u64 = 20;
+const RESTS: u64 = 150;
+/// Ticks within which the tip meets the wall: four times the way that the hand `press` leaves before it.
+const MEETS: u64 = 600;
+/// What a fault may add to the largest step of ticks without one, N.
+const MARGIN_N: f32 = 0.05;
+
+/// The planes of the last step, as the servo is told them.
+fn model_of(main: &MainLoop<'_>) -> ContactModel {
+    let planes: Vec<Plane> = main.planes.planes[..main.planes.count as usize]
+        .iter()
+        .map(|plane| Plane {
+            point_m: plane.point_m,
+            normal: plane.normal,
+            stiffness_n_m: plane.stiffness_n_m,
+            damping_n_s_m: plane.damping_n_s_m,
+        })
+        .collect();
+    ContactModel::new(&planes)
+}
+
+/// Where the tip is in a tick, m, and how fast, m/s.
+#[derive(Clone, Copy, Default)]
+struct Tip {
+    place_m: Vec3,
+    velocity_m_s: Vec3,
+}
+
+/// A servo, the force of its last tick, and by how much that was another one than the force before, N.
+#[derive(Clone, Copy, Default)]
+struct Servo {
+    params: ServoParams,
+    state: ServoState,
+    force_n: Vec3,
+    step_n: f32,
+}
+
+impl Servo {
+    /// The tick with a model that is so old, ticks.
+    fn tick(&mut self, tick: u64, tip: Tip, model: &ContactModel, age: u64) {
+        let input = ServoInput {
+            tick,
+            position_m: tip.place_m.to_array(),
+            velocity_m_s: tip.velocity_m_s.to_array(),
+            dt_s: DT_S,
+            model,
+            model_age_ticks: age as u32,
+            applied_n: None,
+            medium_n: [0.0; 3],
+        };
+        let (state, output) = servo_step(&self.params, &self.state, &input);
+        let force_n = Vec3::from(output.force_n);
+        *self = Servo { state, force_n, step_n: force_n.distance(self.force_n), ..*self };
+    }
+}
+
+/// What the servo lets the force change by from one tick to the next, N: what the tip's motion makes of planes that stand still, and what a model that jumps may.
+fn most_n(params: &ServoParams, before: Tip, now: Tip) -> f32 {
+    let (way_m, speed_m_s) = (now.place_m.distance(before.place_m), now.velocity_m_s.length());
+    let entered = speed_m_s * (way_m / params.damping_depth_m).min(1.0);
+    let turned = now.velocity_m_s.distance(before.velocity_m_s);
+    params.coupling_limit_n_m(DT_S) * way_m + params.max_damping_n_s_m * (turned + entered) + params.model_step_n
+}
+
+/// What was felt, N: the largest steps without tissue and with it in the same ticks, the step as it came back and the largest later, how far the two forces were
+/// apart before that, and each and the distance at the end.
+#[derive(Debug, Default)]
+struct Felt {
+    blind_n: f32,
+    own_n: f32,
+    back_n: f32,
+    later_n: f32,
+    apart_n: f32,
+    end_n: f32,
+    end_apart_n: f32,
+}
+
+impl Felt {
+    /// Adds the tick so long after the last one whose planes the blind servo had in time.
+    fn add(&mut self, since: u64, [blind, own]: [&Servo; 2]) {
+        let apart_n = blind.force_n.distance(own.force_n);
+        match since {
+            0 => {}
+            1..=BLIND => {
+                (self.blind_n, self.own_n) = (self.blind_n.max(blind.step_n), self.own_n.max(own.step_n));
+                self.apart_n = apart_n;
+            }
+            _ if since == BLIND + 1 => self.back_n = blind.step_n,
+            _ => self.later_n = self.later_n.max(blind.step_n),
+        }
+        (self.end_n, self.end_apart_n) = (own.force_n.length(), apart_n);
+    }
+}
+
+/// The hand goes into the wall on the way of the scene's hand `press`; of two servos one hears nothing of the tissue for a while.
+fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage) -> Felt {
+    let scene = hyst_scene::load_embedded().unwrap();
+    let (way, pivot_m) = (scene.hand("press").unwrap().way.clone(), main.world.case.pivot_m);
+    let long_m = Vec3::from(way[0].tip_m(pivot_m)).distance(way[1].tip_m(pivot_m).into());
+    let at = |ticks: u64| way[0].towards(&way[1], ticks as f32 * SPEED_M_S * DT_S / long_m);
+    let mut tip = Tip { place_m: at(0).tip_m(pivot_m).into(), ..Tip::default() };
+    let [mut blind, mut own] = [Servo::default(); 2];
+    // A servo that has just begun lets the force come slowly.
+    let warm = u64::from(own.params.return_ticks) + 10;
+    for tick in 1..=warm {
+        for servo in [&mut blind, &mut own] {
+            servo.tick(tick, tip, &ContactModel::default(), 1);
+        }
+    }
+    let (mut now, mut felt) = (first_state(main), Felt::default());
+    let (mut fresh, mut frozen, mut deaf_at) = (ContactModel::default(), ContactModel::default(), u64::MAX);
+    for tick in 1..=MEETS + DEEP + BLIND + ON + RESTS {
+        let since = tick.saturating_sub(deaf_at);
+        let pose = at(tick.min(deaf_at.saturating_add(BLIND + ON)));
+        let place_m = Vec3::from(pose.tip_m(pivot_m));
+        let before = std::mem::replace(&mut tip, Tip { place_m, velocity_m_s: (place_m - tip.place_m) / DT_S });
+        let (model, age) = if (1..=BLIND).contains(&since) { (&frozen, since) } else { (&fresh, 1) };
+        blind.tick(warm + tick, tip, model, age);
+        own.tick(warm + tick, tip, &fresh, 1);
+        for servo in [&blind, &own] {
+            let (step_n, let_n) = (servo.step_n, most_n(&servo.params, before, tip));
+            assert!(step_n < let_n + 1e-4, "tick {tick}, {since}: a step of {step_n} N, and {let_n} are let through");
+        }
+        felt.add(since, [&blind, &own]);
+        if since == BLIND + ON + RESTS {
+            return felt;
+        }
+        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+        let (position_m, orientation) = (place_m.to_array(), pose.orientation());
+        record.sample.pose = Pose { position_m, orientation, insertion_m: pose.insertion_m, ..Pose::default() };
+        record.sample.velocity_m_s = tip.velocity_m_s.to_array();
+        now = fed(main, device, &now, &record);
+        fresh = model_of(main);
+        if deaf_at == u64::MAX && core_of(&now).contact_count > 0 {
+            deaf_at = tick + DEEP;
+        }
+        if tick == deaf_at {
+            frozen = fresh;
+        }
+    }
+    panic!("the hand does not meet the wall within {MEETS} ticks");
+}
+
+#[test]
+fn a_hand_that_goes_on_without_tissue_for_a_tenth_of_a_second_feels_no_step_nor_when_it_is_back() {
+    let (station, pages) = founded("blind", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let felt = pressed(&mut main, &pages[1]);
+    println!("{felt:?}");
+    assert!(felt.end_n > 0.3, "the hand hardly touches: {felt:?}");
+    assert!(felt.apart_n > 1e-3, "the tissue does nothing that the frozen planes do not: {felt:?}");
+    assert!(felt.blind_n <= felt.own_n + MARGIN_N, "{felt:?}");
+    let params = ServoParams::default();
+    let of_motion_n = params.coupling_limit_n_m(DT_S) * SPEED_M_S * DT_S;
+    assert!(felt.back_n < of_motion_n + MARGIN_N && felt.later_n < of_motion_n + MARGIN_N, "{felt:?}");
+    assert!(felt.end_apart_n < 0.01, "a hand that rests feels the tissue that there is: {felt:?}");
+    drop(main);
+}
