@@ -329,6 +329,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     }
     if report.has_changed_mesh() {
         burn(tissue, options, &mut report);
+        report.out_of_room += tissue.skin.part_by(&tissue.rest, &tissue.part_of_tet, options);
     }
     tissue.seat_wire(&motion);
     Ok(report)

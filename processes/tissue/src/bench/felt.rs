@@ -148,6 +148,8 @@ mod tests {
     const HALF_SLIT_M: f32 = 5e-3;
     /// How many times as fine the steps are that a cut mesh is tried with: the first with which no mass has to be added.
     const FINER_OF_CUT: [u32; 3] = [8, 16, 32];
+    /// What is allowed where the tip presses into a slit: the tissue beside it is thin, and has mass added.
+    const MOST_AT_A_SLIT: f64 = 0.06;
 
     /// The body that a straight wire leaves of a scene, whose middle goes from one place to another; from there to its end it is `half`.
     fn cut(scene: &LoadedScene, [from, to]: [Vec3; 2], half: Vec3) -> Body {
@@ -177,7 +179,7 @@ mod tests {
     }
 
     /// Of a body that was cut: its model has the mass that thin tets ask for, and the frequency at rest of the mesh before.
-    fn assert_cut_near(what: &str, scene: &LoadedScene, body: &Body) {
+    fn assert_cut_near(what: &str, scene: &LoadedScene, body: &Body, most: f64) {
         let (coarse, with_added_kg, substeps) = press_of(scene, body, 1).unwrap();
         let fine = FINER_OF_CUT.into_iter().find_map(|finer| Some((finer, press_of(scene, body, finer).ok()?)));
         let (finer, (fine, own_kg, fine_substeps)) = fine.expect("steps that are short enough");
@@ -185,7 +187,7 @@ mod tests {
         let added = 100.0 * (with_added_kg / own_kg - 1.0);
         println!("{what}: {substeps} substeps with {added:.3} % of mass added, beside {finer} times {fine_substeps}: {apart:?}");
         assert!(apart.most_n > LEAST_N && apart.most_m > 1e-3, "{what}: the hand hardly touches: {apart:?}");
-        assert!(apart.force < MOST && apart.displacement < MOST, "{what}: {apart:?}");
+        assert!(apart.force < most && apart.displacement < most, "{what}: {apart:?}");
         assert!(apart.force > 0.0, "{what}: the two are one");
     }
 
@@ -198,10 +200,10 @@ mod tests {
         let middle = low.midpoint(high);
         let way = [middle.with_z(low.z - SWEEP_M), middle];
         let body = cut(&scene, way, Vec3::Y * (high.y - low.y));
-        assert_cut_near("a polyp cut half through", &scene, &body);
+        assert_cut_near("a polyp cut half through", &scene, &body, MOST);
     }
 
-    /// There the cut is in what is pressed.
+    /// There the cut is in what is pressed, by as much as the documents say more than elsewhere.
     #[test]
     fn those_of_a_wall_are_that_is_pressed_where_it_was_slit() {
         let scene = hyst_scene::load_embedded().unwrap();
@@ -210,7 +212,7 @@ mod tests {
         let down = (into - from).normalize();
         let wall = from.lerp(into, TOUCHES) + RADIUS_M * down;
         let body = cut(&scene, [wall - SLIT_M * down, wall + SLIT_M * down], HALF_SLIT_M * Vec3::Z);
-        assert_cut_near("a wall with a slit", &scene, &body);
+        assert_cut_near("a wall with a slit", &scene, &body, MOST_AT_A_SLIT);
     }
 
     /// A contact that is many times as stiff is met with more force, and does not swing in steps as short as these. Expected of ten times: a fifth to a third

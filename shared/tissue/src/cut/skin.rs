@@ -187,6 +187,48 @@ impl Skin {
         out_of_room
     }
 
+    /// Lets come apart what still joins two parts: a vertex that its triangles share follows one tet for as long as a way leads from one to the other, and is not
+    /// looked at again where the wire goes through that way at some distance. `part_of_tet`: the part of each tet. Tells how many vertices found no room.
+    pub(super) fn part_by(&mut self, rest: &TetMesh, part_of_tet: &[u32], options: &CutOptions) -> usize {
+        let part_of = |skin: &Skin, vertex: u32| part_of_tet[skin.bindings[vertex as usize].tet as usize];
+        let joins = |triangle: &u32| {
+            let [a, b, c] = self.triangles[*triangle as usize].map(|vertex| part_of(self, vertex));
+            a != b || b != c
+        };
+        let joining: Vec<u32> = (0..self.triangles.len() as u32).filter(joins).collect();
+        if joining.is_empty() {
+            return 0;
+        }
+        let points = joining.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| self.rest_m[vertex as usize]);
+        let place = Neighbourhood::new(rest, SingleBounds::around(points).tets_in(&rest.positions_m, &rest.tets));
+        let (mut own, mut out_of_room) = (BTreeMap::new(), 0);
+        for triangle in joining {
+            let Some(Hosted { home, .. }) = self.host(&place, triangle) else { continue };
+            let part = part_of_tet[place.tets[home as usize] as usize];
+            for corner in 0..3 {
+                let vertex = self.triangles[triangle as usize][corner];
+                if part_of(self, vertex) == part {
+                    continue;
+                }
+                let known = own.get(&(vertex, part)).copied();
+                if known.is_none() && self.rest_m.len() >= options.max_vertices {
+                    out_of_room += 1;
+                    continue;
+                }
+                let name = known.unwrap_or_else(|| {
+                    let point = at(&self.rest_m, vertex);
+                    let nearest = place.home(point, |index| part_of_tet[place.tets[index as usize] as usize] == part);
+                    let tet = place.tets[nearest.unwrap_or(home) as usize];
+                    let binding = Binding { tet, weights: weights(rest, tet, point) };
+                    self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize])
+                });
+                own.insert((vertex, part), name);
+                self.triangles[triangle as usize][corner] = name;
+            }
+        }
+        out_of_room
+    }
+
     /// The faces that were opened, on both sides. `opened`: the tets that had each in common.
     /// Tells how many found no room.
     pub(super) fn add_wound(&mut self, rest: &TetMesh, opened: &[[u32; 2]], options: &CutOptions) -> usize {

@@ -131,7 +131,8 @@ fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage) -> Felt {
         let since = tick.saturating_sub(deaf_at);
         let pose = at(tick.min(deaf_at.saturating_add(BLIND + ON)));
         let place_m = Vec3::from(pose.tip_m(pivot_m));
-        let before = std::mem::replace(&mut tip, Tip { place_m, velocity_m_s: (place_m - tip.place_m) / DT_S });
+        let velocity_m_s = (place_m - tip.place_m) / DT_S;
+        let before = std::mem::replace(&mut tip, Tip { place_m, velocity_m_s });
         let (model, age) = if (1..=BLIND).contains(&since) { (&frozen, since) } else { (&fresh, 1) };
         blind.tick(warm + tick, tip, model, age);
         own.tick(warm + tick, tip, &fresh, 1);
