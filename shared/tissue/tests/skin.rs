@@ -123,14 +123,18 @@ fn two_bars() -> (Cuttable, usize) {
 fn the_surface_of_another_object_that_lay_there_at_rest_stays_as_it_was() {
     let (mut tissue, vertices) = two_bars();
     let of_other = |skin: &Skin| {
-        let is_of_it = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| (vertices..2 * vertices).contains(&(*vertex as usize)));
+        let is_of_it =
+            |triangle: &&[u32; 3]| triangle.iter().all(|vertex| (vertices..2 * vertices).contains(&(*vertex as usize)));
         let triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_it).copied().collect();
         (skin.rest_m[vertices..2 * vertices].to_vec(), skin.bindings[vertices..2 * vertices].to_vec(), triangles)
     };
     let before = of_other(&tissue.skin);
     let middle = Vec3::new(0.0181, 0.006, -0.002);
-    let reports =
-        sweep(&mut tissue, &straight(middle - Vec3::Y * 0.02, middle + Vec3::Y * 0.02, Vec3::Z * 0.016, 7), &CutOptions::default());
+    let reports = sweep(
+        &mut tissue,
+        &straight(middle - Vec3::Y * 0.02, middle + Vec3::Y * 0.02, Vec3::Z * 0.016, 7),
+        &CutOptions::default(),
+    );
     assert_eq!(reports.iter().map(|report| report.parts).max(), Some(3), "the first is cut through");
     assert_eq!(of_other(&tissue.skin), before);
 }

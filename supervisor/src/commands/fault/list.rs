@@ -65,7 +65,10 @@ fn foot() -> [(&'static str, String); 7] {
         ("outputs", format!("{} (--output, of {})", names(&Output::ALL).join(", "), lies.join(", "))),
         ("threads", format!("{} (--thread, of block)", names(&Helper::ALL).join(", "))),
         ("places", format!("{} (--where, of corrupt)", names(&Place::ALL).join(", "))),
-        ("states", format!("{}, swap:ROLE, handover:ROLE (--state: as soon as the station is in it)", names(&State::ALL).join(", "))),
+        (
+            "states",
+            format!("{}, swap:ROLE, handover:ROLE (--state: as soon as the station is in it)", names(&State::ALL).join(", ")),
+        ),
     ]
 }
 
