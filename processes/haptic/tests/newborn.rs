@@ -24,7 +24,8 @@ fn a_newborn_may_not_be_chosen_before_it_has_agreed() {
     }
     let ticks = shadow.iter().take_while(|is_in| **is_in).count();
     println!("{ticks} ticks in the shadow");
-    assert!((SHADOW_TICKS..SHADOW_TICKS + 20).contains(&ticks), "{ticks}");
+    // One that is quick, or a test that is slow, has it answer tick 59, too, whose input is still the newest.
+    assert!((SHADOW_TICKS - 1..SHADOW_TICKS + 20).contains(&ticks), "{ticks}");
     assert!(shadow[ticks..].iter().all(|is_in| !is_in), "{shadow:?}");
     assert_equal(&a, &b, 159);
 }
