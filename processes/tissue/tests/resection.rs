@@ -2,7 +2,7 @@
 //! The hand is the one that holds the device; the tissue is held at rest.
 
 use hyst_coupling::{BUTTON_ENERGIZED, DofLimits, HandModel, HandState, Leg, Pose4, hand_along, hand_dynamics};
-use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
+use hyst_mesh::{TetMesh, component_count, component_of_each_tet, signed_volume};
 use hyst_scene::{HandLeg, LoadedHand, LoadedScene, Pose, find_case, load};
 use hyst_tissue::{CutOptions, Cuttable, cut, join};
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ fn cuttable(scene: &LoadedScene) -> Cuttable {
 /// Object, volume in mm³ and number of tets of each part that hangs together.
 fn parts(tissue: &Cuttable) -> Vec<(u32, f64, usize)> {
     let part = component_of_each_tet(&tissue.rest);
-    let mut parts = vec![(0, 0.0, 0); part.iter().max().map_or(0, |last| *last as usize + 1)];
+    let mut parts = vec![(0, 0.0, 0); component_count(&part)];
     for ((tet, region), part) in tissue.rest.tets.iter().zip(&tissue.rest.regions).zip(part) {
         let corners = tet.map(|node| glam::DVec3::from_array(tissue.rest.positions_m[node as usize].map(f64::from)));
         let (object, volume_mm3, tets) = &mut parts[part as usize];

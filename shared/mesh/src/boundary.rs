@@ -77,6 +77,11 @@ pub fn component_of_each_tet(mesh: &TetMesh) -> Vec<u32> {
     components(mesh.positions_m.len(), &mesh.tets)
 }
 
+/// How many components there are of cells that have these numbers, each of its own.
+pub fn component_count(component_of_each: &[u32]) -> usize {
+    component_of_each.iter().max().map_or(0, |last| *last as usize + 1)
+}
+
 /// For each triangle the number of its component, likewise.
 ///
 /// # Panics

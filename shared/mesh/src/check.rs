@@ -1,6 +1,6 @@
 //! What is wrong with a tet mesh, in figures and in sentences.
 
-use crate::boundary::{Sets, boundary, component_of_each_tet, sorted_faces};
+use crate::boundary::{Sets, boundary, component_count, component_of_each_tet, sorted_faces};
 use crate::geometry::{Unit, corners, count, guess_unit, quality, signed_volume};
 use crate::types::TetMesh;
 use std::fmt;
@@ -91,7 +91,7 @@ pub fn check(mesh: &TetMesh) -> Report {
         worst,
         duplicate: duplicate_tets(&mesh.tets),
         unused_nodes: unused_nodes(nodes, &mesh.tets),
-        components: component_of_each_tet(&shape).iter().max().map_or(0, |last| *last as usize + 1),
+        components: component_count(&component_of_each_tet(&shape)),
         boundary_triangles: edges.triangles,
         crowded_faces: sorted_faces(&shape.tets).chunk_by(|l, r| l.0 == r.0).filter(|same| same.len() > 2).count(),
         open_edges: edges.open,

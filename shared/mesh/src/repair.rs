@@ -154,27 +154,32 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
         repairs.push(Repair::Flipped { tets: flipped, of: left });
     }
     let tet_map = renumber(&keep);
-    let kept = |index: usize| keep[index];
-    let mut tets: Vec<[u32; 4]> = (0..tets.len()).filter(|&index| kept(index)).map(|index| tets[index]).collect();
-    let regions = (0..regions.len()).filter(|&index| kept(index)).map(|index| regions[index]).collect();
+    let (mesh, node_map) = keep_tets(TetMesh { positions_m, tets, regions }, &keep);
+    if let Some(first) = node_map.iter().position(Option::is_none) {
+        let nodes = node_map.len() - mesh.positions_m.len();
+        repairs.push(Repair::DroppedUnusedNodes { nodes, first: first as u32 });
+    }
+    Ok(Repaired { mesh, repairs, node_map, tet_map })
+}
 
-    let node_map = drop_unused_nodes(&positions_m, &tets, &mut repairs);
+/// The tets of a mesh that are kept, in their order, with the nodes that they use; and the new number of each node, if it is used.
+///
+/// # Panics
+/// If a tet names a node that is not there, or fewer tets are said to be kept, or not, than there are.
+pub fn keep_tets(mesh: TetMesh, is_kept: &[bool]) -> (TetMesh, Vec<Option<u32>>) {
+    let TetMesh { positions_m, tets, regions } = mesh;
+    let kept = |index: &usize| is_kept[*index];
+    let mut tets: Vec<[u32; 4]> = (0..tets.len()).filter(kept).map(|index| tets[index]).collect();
+    let regions = (0..regions.len()).filter(kept).map(|index| regions[index]).collect();
+    let mut is_used = vec![true; positions_m.len()];
+    unused_nodes(positions_m.len(), &tets).into_iter().for_each(|node| is_used[node as usize] = false);
+    let node_map = renumber(&is_used);
     let used = positions_m.iter().zip(&node_map).filter(|(_, index)| index.is_some());
     let positions_m = used.map(|(position, _)| *position).collect();
     for node in tets.as_flattened_mut() {
         *node = node_map[*node as usize].unwrap_or(*node); // every node of a kept tet is used
     }
-    Ok(Repaired { mesh: TetMesh { positions_m, tets, regions }, repairs, node_map, tet_map })
-}
-
-fn drop_unused_nodes(positions_m: &[[f32; 3]], tets: &[[u32; 4]], repairs: &mut Vec<Repair>) -> Vec<Option<u32>> {
-    let unused = unused_nodes(positions_m.len(), tets);
-    let mut used = vec![true; positions_m.len()];
-    unused.iter().for_each(|&node| used[node as usize] = false);
-    if let Some(&first) = unused.first() {
-        repairs.push(Repair::DroppedUnusedNodes { nodes: unused.len(), first });
-    }
-    renumber(&used)
+    (TetMesh { positions_m, tets, regions }, node_map)
 }
 
 fn refuse_broken(mesh: &TetMesh) -> Result<(), RepairError> {
@@ -228,7 +233,8 @@ fn flip_inverted(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], keep: &[bool])
     flipped
 }
 
-fn renumber(keep: &[bool]) -> Vec<Option<u32>> {
+/// The new number of each that is kept, in their order.
+pub fn renumber(keep: &[bool]) -> Vec<Option<u32>> {
     let mut next = 0;
     let number = |&keep: &bool| {
         keep.then(|| {

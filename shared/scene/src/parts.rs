@@ -2,16 +2,14 @@
 //! the others those that nothing holds are free pieces from the beginning.
 
 use crate::loaded::LoadedDeformable;
-use hyst_mesh::{BindError, Binding, TetMesh, TriangleMesh, bind, boundary, component_of_each_tet, signed_volume};
+use hyst_mesh::{
+    BindError, Binding, TetMesh, TriangleMesh, bind, boundary, component_count, component_of_each_tet, keep_tets, signed_volume,
+};
 
 /// Least volume of a part, m³: a cut burns what is smaller, wherever it lies.
 pub const LEAST_PART_M3: f64 = 0.5e-9;
 /// Most parts of an object: half of the numbers that there are for objects, for what is cut off takes some.
 pub(crate) const MAX_PARTS: usize = 128;
-
-fn count(part_of_tet: &[u32]) -> usize {
-    part_of_tet.iter().max().map_or(0, |last| *last as usize + 1)
-}
 
 fn volume_m3(mesh: &TetMesh, tet: [u32; 4]) -> f64 {
     signed_volume(tet.map(|node| mesh.positions_m[node as usize].map(f64::from).into()))
@@ -23,7 +21,7 @@ fn volume_m3(mesh: &TetMesh, tet: [u32; 4]) -> f64 {
 /// How many parts there are, if they are too many.
 pub(crate) fn without_crumbs(mesh: TetMesh) -> Result<(TetMesh, usize), usize> {
     let part_of_tet = component_of_each_tet(&mesh);
-    let mut volumes_m3 = vec![0.0f64; count(&part_of_tet)];
+    let mut volumes_m3 = vec![0.0f64; component_count(&part_of_tet)];
     if volumes_m3.len() > MAX_PARTS {
         return Err(volumes_m3.len());
     }
@@ -35,17 +33,8 @@ pub(crate) fn without_crumbs(mesh: TetMesh) -> Result<(TetMesh, usize), usize> {
     if crumbs == 0 {
         return Ok((mesh, 0));
     }
-    let kept: Vec<usize> = (0..mesh.tets.len()).filter(|tet| volumes_m3[part_of_tet[*tet] as usize] >= least_m3).collect();
-    let mut is_used = vec![false; mesh.positions_m.len()];
-    kept.iter().flat_map(|tet| mesh.tets[*tet]).for_each(|node| is_used[node as usize] = true);
-    let mut next = 0u32..;
-    let number: Vec<u32> = is_used.iter().map(|is_used| is_used.then(|| next.next()).flatten().unwrap_or(0)).collect();
-    let places = mesh.positions_m.iter().zip(&is_used).filter(|(_, is_used)| **is_used);
-    let left = TetMesh {
-        positions_m: places.map(|(place_m, _)| *place_m).collect(),
-        tets: kept.iter().map(|tet| mesh.tets[*tet].map(|node| number[node as usize])).collect(),
-        regions: kept.iter().map(|tet| mesh.regions[*tet]).collect(),
-    };
+    let is_kept: Vec<bool> = part_of_tet.iter().map(|part| volumes_m3[*part as usize] >= least_m3).collect();
+    let (left, _) = keep_tets(mesh, &is_kept);
     Ok((left, crumbs))
 }
 
@@ -53,7 +42,7 @@ pub(crate) fn without_crumbs(mesh: TetMesh) -> Result<(TetMesh, usize), usize> {
 pub(crate) fn bind_boundary(mesh: &TetMesh) -> Result<(TriangleMesh, Vec<Binding>), BindError> {
     let part_of_tet = component_of_each_tet(mesh);
     let (mut surface, mut bindings) = (TriangleMesh::default(), Vec::new());
-    for part in 0..count(&part_of_tet) as u32 {
+    for part in 0..component_count(&part_of_tet) as u32 {
         let own: Vec<u32> = (0..).zip(&part_of_tet).filter(|(_, of)| **of == part).map(|(tet, _)| tet).collect();
         let tets: Vec<[u32; 4]> = own.iter().map(|tet| mesh.tets[*tet as usize]).collect();
         let of_part = TetMesh { positions_m: mesh.positions_m.clone(), regions: vec![0; tets.len()], tets };
@@ -75,7 +64,7 @@ fn held(object: &LoadedDeformable) -> (Vec<u32>, Vec<bool>) {
     object.attach.iter().flat_map(|attach| &attach.nodes).for_each(|root| is_rooted[root.node as usize] = true);
     let is_bed: Vec<bool> = object.regions.iter().map(|region| region.bed_n_m4 > 0.0).collect();
     let is_on_bed = |region: u32| region.checked_sub(1).and_then(|index| is_bed.get(index as usize)) == Some(&true);
-    let mut is_held = vec![false; count(&part_of_tet)];
+    let mut is_held = vec![false; component_count(&part_of_tet)];
     for ((tet, region), part) in mesh.tets.iter().zip(&mesh.regions).zip(&part_of_tet) {
         is_held[*part as usize] |= is_on_bed(*region) || tet.iter().any(|node| is_rooted[*node as usize]);
     }

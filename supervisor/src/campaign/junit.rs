@@ -102,7 +102,7 @@ fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
         [format!("{:.4}", excess.mean), format!("{:.4} to {:.4}", excess.lower95, excess.upper95)]
     });
     let [mean, bounds] = excess;
-    let void_share = |[ticks, voided]: [u64; 2]| format!("{:.4}", voided as f64 / (ticks + voided).max(1) as f64);
+    let void_share = |of: [u64; 2]| format!("{:.4}", text::void_share(of));
     vec![
         ("injected", figures.injected.to_string()),
         ("planned", figures.planned.to_string()),

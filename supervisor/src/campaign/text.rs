@@ -81,6 +81,11 @@ pub fn aftermath(figures: &Figures) -> Option<String> {
     (missed > 0).then(|| format!("{missed} of {ticks} ticks right after the windows missed"))
 }
 
+/// Share of void ticks of those that count and those that are void.
+pub fn void_share([ticks, voided]: [u64; 2]) -> f64 {
+    voided as f64 / (ticks + voided).max(1) as f64
+}
+
 fn row(figures: &Figures) -> String {
     let mut remarks: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
     remarks.extend(besides(figures));
@@ -89,7 +94,7 @@ fn row(figures: &Figures) -> String {
         (sides(&excess), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
     });
     let with_void = figures.excess_with_void.map_or("-".into(), |excess| sides(&excess));
-    let void = |[ticks, voided]: [u64; 2]| format!("{:.1}", 100.0 * voided as f64 / (ticks + voided).max(1) as f64);
+    let void = |of: [u64; 2]| format!("{:.1}", 100.0 * void_share(of));
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(

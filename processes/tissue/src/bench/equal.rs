@@ -9,12 +9,9 @@ use crate::world::Otherwise;
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
 use serde_json::{Value, json};
-use std::ops::RangeInclusive;
 
 /// Cells of the blocks, six tets each, that others are given too.
 const CELLS: [[usize; 3]; 2] = [[12, 12, 4], [12, 12, 12]];
-/// Substeps of a step that are tried, in turn.
-const SUBSTEPS: RangeInclusive<u32> = 1..=8;
 /// Ticks until a block that the tip is pressed into rests, and those after them over which the force is averaged.
 const SETTLING: usize = 1_000;
 const AVERAGED: usize = 100;
@@ -57,7 +54,8 @@ pub fn rows(scene: &LoadedScene) -> Result<Vec<Value>, String> {
 fn row(scene: &LoadedScene) -> Result<Value, String> {
     let open = |otherwise: Otherwise| Press::with(scene, Isa::detect(), 1, otherwise);
     let right = Rest::of(&mut open(Otherwise { finer: FINER, ..Otherwise::default() })?)?;
-    for first_substeps in SUBSTEPS {
+    let of_station = Otherwise::default().first_substeps;
+    for first_substeps in 1..=of_station {
         let mut press = open(Otherwise { first_substeps, ..Otherwise::default() })?;
         // Too few for the mass that may be added.
         if press.substeps() > first_substeps {
@@ -76,7 +74,7 @@ fn row(scene: &LoadedScene) -> Result<Value, String> {
             return Ok(row);
         }
     }
-    Err(format!("with {} substeps at the most a block is not near the converged solution", SUBSTEPS.end()))
+    Err(format!("with {of_station} substeps at the most a block is not near the converged solution"))
 }
 
 #[cfg(test)]
@@ -89,7 +87,7 @@ mod tests {
         let scene = with_block(&crate::world::load_scene(None).unwrap(), [6, 6, 5]).unwrap();
         let row = row(&scene).unwrap();
         let substeps = row["substeps"].as_u64().unwrap();
-        assert!((1..u64::from(*SUBSTEPS.end())).contains(&substeps), "{row}");
+        assert!((1..u64::from(Otherwise::default().first_substeps)).contains(&substeps), "{row}");
         let [right, other] = [1.0, 3.0].map(|stiffer| {
             let otherwise = Otherwise { stiffer, ..Otherwise::default() };
             Rest::of(&mut Press::with(&scene, Isa::detect(), 1, otherwise).unwrap()).unwrap()

@@ -4,6 +4,7 @@
 //! smallest first. A number names one thing at a time, and is had again only when all have been given once; those of what is there at first are its own.
 
 use super::{Body, Room};
+use hyst_mesh::component_count;
 use std::collections::BTreeMap;
 
 /// The object of what is burnt, until it is taken away.
@@ -41,8 +42,7 @@ impl Body {
     }
 
     fn name_parts(&mut self, part_of_tet: &[u32], is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
-        let parts = part_of_tet.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut of_part = vec![Piece { object: 0, of: 0, volume_m3: 0.0, is_held: false }; parts];
+        let mut of_part = vec![Piece { object: 0, of: 0, volume_m3: 0.0, is_held: false }; component_count(part_of_tet)];
         for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(part_of_tet) {
             let piece = &mut of_part[*part as usize];
             (piece.object, piece.of) = (*region, *region);

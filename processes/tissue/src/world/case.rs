@@ -12,7 +12,7 @@ use crate::outlet::Outlet;
 use crate::site::MAX_OBJECTS;
 use crate::tool::Tool;
 use hyst_engine::Failure;
-use hyst_mesh::component_of_each_tet;
+use hyst_mesh::{component_count, component_of_each_tet};
 use hyst_messages::stream::{ObjectKind, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
 
@@ -57,7 +57,7 @@ impl Case {
     /// An object that hangs together stays what it is.
     pub(super) fn register_parts(&mut self, body: &mut Body) -> Result<(), Failure> {
         let part_of_tet = component_of_each_tet(&body.rest);
-        let (parts, most) = (part_of_tet.iter().max().map_or(0, |last| *last as usize + 1), self.room.objects);
+        let (parts, most) = (component_count(&part_of_tet), self.room.objects);
         if parts > most {
             let cure = "give parts that touch the same nodes, or leave small ones out";
             let what = format!("the scene's meshes have {parts} parts that hang apart, at most {most} are told apart; {cure}");

@@ -2,12 +2,12 @@
 
 use super::places::corners;
 use super::{CutOptions, CutReport, Cuttable};
-use hyst_mesh::{component_of_each_tet, signed_volume};
+use hyst_mesh::{component_count, component_of_each_tet, renumber, signed_volume};
 
 /// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
 pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
     let mut part = component_of_each_tet(&tissue.rest);
-    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
+    let parts = component_count(&part);
     // What is large enough is not summed up further: no tet takes anything from it.
     let enough_m3 = if report.copied_nodes > 0 { options.min_piece_m3 } else { 0.0 };
     let mut volume_m3: Vec<f64> = vec![0.0; parts];
@@ -23,23 +23,17 @@ pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport)
     if report.parts < parts {
         let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
         report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
-        tissue.skin.without_tets(&numbers(&is_kept));
+        tissue.skin.without_tets(&renumber(&is_kept));
         retain(&mut tissue.rest.tets, &is_kept);
         retain(&mut tissue.material, &is_kept);
         retain(&mut tissue.rest.regions, &is_kept);
         retain(&mut part, &is_kept);
         // The parts that are left stay in their order, which is that of their first tets.
         let is_left: Vec<bool> = volume_m3.iter().map(|volume| *volume >= least).collect();
-        let number = numbers(&is_left);
+        let number = renumber(&is_left);
         part.iter_mut().for_each(|part| *part = number[*part as usize].unwrap_or_default());
     }
     tissue.part_of_tet = part;
-}
-
-/// The new number of each that is kept.
-fn numbers(is_kept: &[bool]) -> Vec<Option<u32>> {
-    let mut next = 0..;
-    is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect()
 }
 
 fn retain<T>(list: &mut Vec<T>, is_kept: &[bool]) {

@@ -131,8 +131,7 @@ impl Skin {
             triangle.iter().for_each(|vertex| loose[*vertex as usize] = true);
         }
         let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
-        let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| self.rest_m[vertex as usize]);
-        let reach = SingleBounds::around(points).with(box_of_change);
+        let reach = self.around(&near).with(box_of_change);
         let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
         let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
         // Each loose vertex with its triangles, in their order.
@@ -144,6 +143,12 @@ impl Skin {
         at_vertex.sort_unstable_by_key(|[vertex, index]| u64::from(*vertex) << 32 | u64::from(*index));
         let by_vertex = at_vertex.chunk_by(|one, other| one[0] == other[0]);
         by_vertex.map(|at_vertex| self.part(&mut place, &hosted, at_vertex, options)).sum()
+    }
+
+    /// The box around some triangles at rest.
+    fn around(&self, triangles: &[u32]) -> SingleBounds {
+        let vertices = triangles.iter().flat_map(|triangle| self.triangles[*triangle as usize]);
+        SingleBounds::around(vertices.map(|vertex| self.rest_m[vertex as usize]))
     }
 
     /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
@@ -168,8 +173,7 @@ impl Skin {
         let radius_m = outside_m + triangles().map(|one| one.middle.distance_squared(point)).fold(0.0, f64::max).sqrt();
         let mut out_of_room = 0;
         for number in 0..place.parts_around(point, radius_m, triangles().map(|one| one.home)) {
-            let tet = place.tets[place.nearest_of(number) as usize];
-            let binding = Binding { tet, weights: weights(place.rest, tet, point) };
+            let binding = bound(place, place.nearest_of(number), point);
             if number == 0 {
                 self.bindings[vertex as usize] = binding;
                 continue;
@@ -199,8 +203,7 @@ impl Skin {
         if joining.is_empty() {
             return 0;
         }
-        let points = joining.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| self.rest_m[vertex as usize]);
-        let place = Neighbourhood::new(rest, SingleBounds::around(points).tets_in(&rest.positions_m, &rest.tets));
+        let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets));
         let (mut own, mut out_of_room) = (BTreeMap::new(), 0);
         for triangle in joining {
             let Some(Hosted { home, .. }) = self.host(&place, triangle) else { continue };
@@ -218,8 +221,7 @@ impl Skin {
                 let name = known.unwrap_or_else(|| {
                     let point = at(&self.rest_m, vertex);
                     let nearest = place.home(point, |index| part_of_tet[place.tets[index as usize] as usize] == part);
-                    let tet = place.tets[nearest.unwrap_or(home) as usize];
-                    let binding = Binding { tet, weights: weights(rest, tet, point) };
+                    let binding = bound(&place, nearest.unwrap_or(home), point);
                     self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize])
                 });
                 own.insert((vertex, part), name);
@@ -298,6 +300,12 @@ fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut
 fn weights(rest: &TetMesh, tet: u32, point: DVec3) -> [f32; 4] {
     let all = barycentric(corners(&rest.positions_m, rest.tets[tet as usize]), point).map(|weight| weight as f32);
     if all.iter().all(|weight| weight.is_finite()) { all } else { [0.25; 4] }
+}
+
+/// A point bound to a tet of a neighbourhood.
+fn bound(place: &Neighbourhood<'_>, index: u32, point: DVec3) -> Binding {
+    let tet = place.tets[index as usize];
+    Binding { tet, weights: weights(place.rest, tet, point) }
 }
 
 /// The face of a tet that another one had in common with it: its nodes lie at the same places at rest.

@@ -3,8 +3,8 @@
 use super::block;
 use glam::{DVec3, Vec3};
 use hyst_mesh::{
-    TetMesh, TriangleMesh, bind, boundary, check, component_of_each_tet, quality, read_tets, read_triangles, repair,
-    signed_volume,
+    TetMesh, TriangleMesh, bind, boundary, check, component_count, component_of_each_tet, quality, read_tets, read_triangles,
+    repair, signed_volume,
 };
 use hyst_tissue::{CutOptions, CutReport, Cuttable, Skin, cut};
 use std::collections::{BTreeMap, BTreeSet};
@@ -67,7 +67,7 @@ pub fn momentum(tissue: &Cuttable) -> DVec3 {
 }
 
 pub fn parts(mesh: &TetMesh) -> usize {
-    component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1)
+    component_count(&component_of_each_tet(mesh))
 }
 
 /// What must hold after each sweep, whatever it was.

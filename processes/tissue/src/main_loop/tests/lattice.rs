@@ -26,8 +26,13 @@ impl Drop for Folder {
     }
 }
 
-/// The cells that are there as a scene with the name of its test; `fixed` is what holds them, in the words of a scene.
+/// The cells that are there as an organ of a scene with the name of its test; `fixed` is what holds them, in the words of a scene.
 pub fn scene(name: &str, lattice: &Lattice, is_there: impl Fn([usize; 3]) -> bool, fixed: &str) -> Folder {
+    scene_of(name, "organ", lattice, is_there, fixed)
+}
+
+/// The same as an object of that kind.
+pub fn scene_of(name: &str, kind: &str, lattice: &Lattice, is_there: impl Fn([usize; 3]) -> bool, fixed: &str) -> Folder {
     let folder = Folder(std::env::temp_dir().join(format!("t{}-lattice-{name}", std::process::id())));
     std::fs::create_dir_all(&folder.0).unwrap();
     let [nx, ny, nz] = lattice.cells;
@@ -70,7 +75,7 @@ pub fn scene(name: &str, lattice: &Lattice, is_there: impl Fn([usize; 3]) -> boo
     );
     std::fs::write(folder.0.join("lattice.vtk"), mesh).unwrap();
     let scene = format!(
-        "version = 1\nname = \"{name}\"\n[[deformable]]\nname = \"lattice\"\nmesh = \"lattice.vtk\"\nscale_to_m = 1.0\nfixed = [{fixed}]\n\
+        "version = 1\nname = \"{name}\"\n[[deformable]]\nname = \"lattice\"\nkind = \"{kind}\"\nmesh = \"lattice.vtk\"\nscale_to_m = 1.0\nfixed = [{fixed}]\n\
          [[rigid]]\nname = \"hysteroscope\"\nkind = \"hysteroscope\"\n"
     );
     std::fs::write(folder.scene(), scene).unwrap();
