@@ -79,12 +79,17 @@ impl Servo {
         (0..self.page.ring_end(haptic::ORIGINS)).filter_map(|count| self.page.ring(haptic::ORIGINS, count)).collect()
     }
 
+    /// Its word of a tick, if it is there.
+    pub fn answered(&self, tick: u64) -> Option<ForceRecord> {
+        self.page.ring(haptic::FORCES, tick)
+    }
+
     /// Its word of a tick, as soon as it is there.
     pub fn answer(&self, tick: u64) -> ForceRecord {
         let deadline_ns = system::now_ns() + HANG_NS;
         loop {
             let news = self.page.load32(header::NEWS);
-            if let Some(record) = self.page.ring(haptic::FORCES, tick) {
+            if let Some(record) = self.answered(tick) {
                 return record;
             }
             assert!(system::now_ns() < deadline_ns, "no answer for tick {tick}: {}", self.page.last_words());
