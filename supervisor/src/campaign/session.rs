@@ -19,7 +19,7 @@ use crate::ledger::AFTERMATH_TICKS;
 use crate::plan::Plan;
 use crate::remains;
 use crate::view::Viewer;
-use closing::{Asked, Done};
+use closing::{Asked, Done, Omitted};
 pub use end::Ended;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -245,20 +245,18 @@ impl Session {
         let injection = seeded(&cell.injection);
         let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
         let done = match first.transpose() {
-            Err(reason) => Err(reason),
+            Err(reason) => Err(Omitted::Refused(reason)),
             Ok(_) => match self.second_tick(outcome, entry, cell, tick)? {
-                Some(tick) => self.inject(&injection, tick, entry.phase_us),
-                None => Err(format!("no role was handed over for the first fault of {:?}", cell.name)),
+                Some(tick) => self.inject(&injection, tick, entry.phase_us).map_err(Omitted::Refused),
+                None => Err(Omitted::NoHandOver),
             },
         };
         let asked = |by_ns: u64, struck_ns| Asked { sent_ns, by_ns: by_ns.max(first_by_ns.unwrap_or(0)), struck_ns };
         self.whole_since_tick = None;
         match done {
             Ok(Done { by_ns, struck_ns }) => self.close(outcome, cell, asked(by_ns, struck_ns)),
-            Err(reason) => {
-                let is_missing = first_by_ns.is_some() && cell.state == State::Handover && outcome.handed_tick.is_none();
-                outcome.ending = if is_missing { Ending::NoState } else { Ending::Refused };
-                outcome.reason = reason;
+            Err(omitted) => {
+                (outcome.ending, outcome.reason) = omitted.ending(&cell.name);
                 if first_by_ns.is_some() { self.close_first(outcome, cell, asked(system::now_ns(), None)) } else { Ok(()) }
             }
         }

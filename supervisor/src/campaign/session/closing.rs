@@ -53,6 +53,25 @@ impl Done {
     }
 }
 
+/// Why a fault was not done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Omitted {
+    /// It, or the one beside it, was refused, and why.
+    Refused(String),
+    /// For the fault beside it a role was to be handed over, and none was.
+    NoHandOver,
+}
+
+impl Omitted {
+    /// How the wait for a fault of this cell ended, and why.
+    pub(super) fn ending(self, cell: &str) -> (Ending, String) {
+        match self {
+            Omitted::Refused(reason) => (Ending::Refused, reason),
+            Omitted::NoHandOver => (Ending::NoState, format!("no role was handed over for the first fault of {cell:?}")),
+        }
+    }
+}
+
 impl Session {
     /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
     pub(super) fn close(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
@@ -200,6 +219,15 @@ mod tests {
         assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&lost, now_ns + late_ns)), [true, true], "it is done after all");
         assert_eq!([0, 4_000_000_000].map(|late_ns| is_found(&answered, now_ns + late_ns)), [true, false], "another one");
         assert!(!is_found(&lost, now_ns - 20_000_000), "one of before");
+    }
+
+    /// Whether it was a hand-over that was missing was found out again from the cell and what else was known, beside its text.
+    #[test]
+    fn a_fault_whose_hand_over_did_not_come_met_no_state_and_any_other_that_was_not_done_was_refused() {
+        let reason = "no role was handed over for the first fault of \"kill guardian in a hand-over\"";
+        assert_eq!(Omitted::NoHandOver.ending("kill guardian in a hand-over"), (Ending::NoState, reason.into()));
+        let refused = Omitted::Refused("no such spare".into());
+        assert_eq!(refused.ending("kill guardian in a hand-over"), (Ending::Refused, "no such spare".into()));
     }
 
     /// Of both of a role, killed beside a damaged checkpoint, one counted as the damage; and a keeper as what came before it, by its last heartbeat.
