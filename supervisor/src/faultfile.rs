@@ -12,6 +12,7 @@ pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
 pub use thread::Helper;
 
+use crate::moment::MOST_PHASE_US;
 use hyst_messages::{Role, Slot};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -132,8 +133,8 @@ impl Injection {
     /// What is wrong with it, if anything.
     pub fn check(&self) -> Result<Aim, String> {
         let aim = Aim::parse(&self.target).ok_or_else(|| no_target(&self.target))?;
-        if self.phase_us > 999 {
-            return Err(format!("phase_us = {}: microseconds in a tick, 0 to 999", self.phase_us));
+        if self.phase_us > MOST_PHASE_US {
+            return Err(format!("phase_us = {}: microseconds in a tick, 0 to {MOST_PHASE_US}", self.phase_us));
         }
         if let Some(for_s) = self.for_s.filter(|for_s| !LASTS_S.contains(for_s)) {
             return Err(format!("for = {for_s}: seconds between 0.001, which is a tick, and 3600"));

@@ -1,7 +1,10 @@
 //! A fault comes at a moment, to some microseconds: so that a fault of a campaign can be repeated at the same phase of the same tick.
 
 use hyst_exchange::system;
+use hyst_messages::TICK_NS;
 
+/// Last place in a tick at which a fault may come, µs; the first is 0.
+pub const MOST_PHASE_US: u32 = (TICK_NS / 1_000) as u32 - 1;
 /// A moment may lie this far ahead, ns: who asks for one waits itself until then, since its taker does nothing else meanwhile.
 pub const MOST_AHEAD_NS: u64 = 60_000_000;
 /// Above everything but the supervisor's watch: the thread sleeps, then makes one system call.

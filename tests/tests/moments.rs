@@ -15,6 +15,25 @@ const LATER_TICKS: u64 = 1_500;
 const AFTER_STATE_TICKS: u64 = 40;
 /// A fault that comes later than this was kept off by the machine.
 const LATE_TICKS: u64 = 200;
+/// It draws the phase 611 us: a fault that comes as its tick begins comes too early.
+const SEED: &str = "8";
+
+/// Has a spare killed at a moment that a seed draws; gives tick and phase, us, as they were told.
+fn kill_at_a_drawn_moment(station: &Station, target: &str) -> (u64, u64) {
+    let inject = ["--name", station.name(), "fault", "inject", "kill", target, "--seed", SEED, "--json"];
+    let clock = station.clock();
+    // A stall may leave no spare while it is asked for.
+    let asked = wait_for(RECOVERY_LIMIT, || {
+        let asked_tick = clock.tick_at(system::now_ns());
+        let (code, told, _) = run(hystation().args(inject));
+        (code == Some(0)).then_some((asked_tick, told))
+    });
+    let (asked_tick, told) = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    let told: Value = serde_json::from_str(&told).unwrap_or_else(|error| panic!("{error}: {told}"));
+    let drawn = |key: &str| told["drawn"][key].as_u64().unwrap_or_else(|| panic!("no {key} was drawn: {told:#}"));
+    assert!(drawn("tick") >= asked_tick + drawn("ahead_ticks"), "asked for at {asked_tick}: {told:#}");
+    (drawn("tick"), drawn("phase_us"))
+}
 
 #[test]
 fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_come_is_named() {
@@ -26,7 +45,8 @@ fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_com
     let station = Station::start("moments", &["--hand", "script:press", "--test-mode", "--faults", &file]);
     let clock = station.clock();
     let is_early = clock.tick_at(system::now_ns()) < AT_TICK;
-    for words in ["--tick 1", "--tick soon", "--tick +0", "--phase 5", "--tick +9000000", "--tick +50 --phase 1000"] {
+    let refused = ["--tick 1", "--tick soon", "--tick +0", "--phase 5", "--tick +9000000", "--tick +50 --phase 1000"];
+    for words in refused.into_iter().chain(["--phase 5 --seed 8", "--tick +50 --phase 5 --seed 8", "--seed eight"]) {
         let inject = ["--name", station.name(), "fault", "inject", "kill", "fluid:spare"];
         let (code, _, said) = run(hystation().args(inject).args(words.split(' ')));
         assert_eq!(code, Some(2), "{words}: {said}");
@@ -45,17 +65,21 @@ fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_com
     assert!(told.starts_with("kill: tissue:") && told.contains(" at tick "), "{told}");
     station.run_ticks(1_000);
     station.recover();
+    let (drawn_tick, drawn_us) = kill_at_a_drawn_moment(&station, "fluid:spare");
+    station.run_ticks(1_000);
+    station.recover();
     let ended = station.stop();
     ended.assert_clean();
     let faults = ended.faults("kill");
     let of = |role: &str| faults.iter().find(|fault| fault["target"].as_str().is_some_and(|target| target.starts_with(role)));
-    for (tick, role) in [(AT_TICK, "haptic"), (later_tick, "tissue")] {
+    let moments = [(AT_TICK, PHASE_US, "haptic"), (later_tick, PHASE_US, "tissue"), (drawn_tick, drawn_us, "fluid")];
+    for (tick, phase_us, role) in moments {
         let Some(fault) = of(role).filter(|_| is_early || tick != AT_TICK) else {
             assert_eq!(tick, AT_TICK, "{faults:#?}");
             not_shown("a fault of a file at its tick: its victim was not there then");
             continue;
         };
-        let late_ns = fault["injected_ns"].as_u64().expect("a time") as i64 - (clock.start_of(tick) + PHASE_US * 1_000) as i64;
+        let late_ns = fault["injected_ns"].as_u64().expect("a time") as i64 - (clock.start_of(tick) + phase_us * 1_000) as i64;
         println!("{role}: {} us after its moment", late_ns / 1_000);
         assert!(late_ns >= 0, "{late_ns} ns late: {fault:#}");
         if late_ns > (LATE_TICKS * TICK_NS) as i64 {

@@ -9,10 +9,13 @@ use super::file::Campaign;
 use super::stage::Place;
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::STEADY_TICKS;
+use crate::moment::MOST_PHASE_US;
 use crate::suspicion::is_real_time;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
+/// Fewest and most ticks from what was before a fault to that fault, where nobody says it.
+pub const GAP_TICKS: [u64; 2] = [600, 1_400];
 /// First tick at which a fresh station may be hurt: it is whole after some 2 s, and from its first fresh force [`STEADY_TICKS`] have passed, and as many more as
 /// hold a control for its first fault.
 pub(super) const FIRST_TICK: u64 = STEADY_TICKS + 3_000;
@@ -82,6 +85,10 @@ impl Draw {
         let span = (most.saturating_sub(least) as u128) + 1;
         least + ((u128::from(self.bits()) * span) >> 64) as u64
     }
+    /// When a fault comes: so many ticks after what was before it, and at which place of its tick, µs.
+    pub fn moment(&mut self, [least, most]: [u64; 2]) -> (u64, u32) {
+        (self.between(least, most), self.between(0, u64::from(MOST_PHASE_US)) as u32)
+    }
     /// Fisher and Yates.
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for at in (1..items.len()).rev() {
@@ -113,14 +120,15 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
     for (station, (arm, lap)) in laps.into_iter().enumerate() {
         let mut tick = FIRST_TICK;
         for cell in lap {
-            tick += draw.between(campaign.gap_ticks[0], campaign.gap_ticks[1]);
+            let (gap_ticks, phase_us) = draw.moment(campaign.gap_ticks);
+            tick += gap_ticks;
             faults.push(Entry {
                 index: faults.len(),
                 station,
                 arm: campaign.arms[arm].name.clone(),
                 cell: cell.name.clone(),
                 tick,
-                phase_us: draw.between(0, 999) as u32,
+                phase_us,
                 with_ticks: draw_with_ticks(cell, &mut draw),
                 in_swap: cell.swap.map(|role| Place::draw(role, cell.is_of_newcomer(), &mut draw)),
             });
@@ -215,6 +223,17 @@ mod tests {
         let drawn: Vec<u64> = (0..1_000).map(|_| draw.between(3, 6)).collect();
         assert!((3..=6).all(|value| drawn.contains(&value)) && drawn.iter().all(|value| (3..=6).contains(value)));
         assert_eq!(hash(b"a"), 0xaf63_dc4c_8601_ec8c, "FNV-1a of \"a\"");
+    }
+
+    /// A plan is drawn from the same numbers by every build: with others nobody could go on with the results of an older one.
+    #[test]
+    fn a_moment_is_drawn_as_the_gap_before_it_and_then_its_phase() {
+        assert_eq!([7, 8].map(|seed| Draw::new(seed).moment(GAP_TICKS)), [(912, 16), (1_095, 611)]);
+        let mut draw = Draw::new(1);
+        let drawn: Vec<(u64, u32)> = (0..20_000).map(|_| draw.moment([3, 5])).collect();
+        assert!((3..=5).all(|gap| drawn.iter().any(|(ticks, _)| *ticks == gap)));
+        assert!((0..=MOST_PHASE_US).all(|place| drawn.iter().any(|(_, phase_us)| *phase_us == place)));
+        assert!(drawn.iter().all(|(ticks, phase_us)| (3..=5).contains(ticks) && *phase_us < 1_000));
     }
 
     #[test]

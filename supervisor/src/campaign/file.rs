@@ -142,7 +142,7 @@ struct File {
 }
 
 fn default_gap_ticks() -> [u64; 2] {
-    [600, 1_400]
+    super::draw::GAP_TICKS
 }
 
 fn default_faults_per_station() -> usize {

@@ -1,6 +1,7 @@
 //! The arguments of `fault`: one fault by hand, or many by a campaign.
 
 use super::{codes, seconds};
+use crate::moment::MOST_PHASE_US;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -32,11 +33,13 @@ pub struct InjectArgs {
     /// `fault inject undo`; `fault list` says it of each kind. slow, no-files, disk-full and shm-full need it, and what is done once takes none.
     #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// Do it at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead. Default: now.
+    /// Do it at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead. Default: now, or drawn from --seed.
     #[arg(long, group = "moment")]
     pub tick: Option<String>,
-    /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it.
-    #[arg(long = "phase", value_name = "US", requires = "moment", value_parser = clap::value_parser!(u32).range(0..1_000))]
+    /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it. Default: drawn
+    /// from --seed; without it 0, and with --state at once.
+    #[arg(long = "phase", value_name = "US", requires = "moment")]
+    #[arg(value_parser = clap::value_parser!(u32).range(0..=i64::from(MOST_PHASE_US)))]
     pub phase_us: Option<u32>,
     /// Do it when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or handover (who does a role's work is
     /// to be replaced, or was, and is not back); of one role alone: swap:ROLE, handover:ROLE.
@@ -72,7 +75,9 @@ pub struct InjectArgs {
     /// corrupt: how many bytes. Default: 16.
     #[arg(long)]
     pub bytes: Option<u32>,
-    /// corrupt: the seed that the bytes are drawn from. Default: another one each time, which the events say.
+    /// Draw from it what is not said of the moment: the phase, and without --tick and --state the tick, 600 to 1400 ticks from now, as in a campaign that says
+    /// no gap_ticks. What was drawn is told, to be done again with --tick and --phase. corrupt: its bytes, too. Default: nothing is drawn of the moment, and
+    /// the bytes from another seed each time, which the events say.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Say whom it hit, and when, as JSON.

@@ -5,6 +5,7 @@
 
 #[cfg(test)]
 mod documented;
+mod drawn;
 mod list;
 mod state;
 
@@ -18,6 +19,7 @@ use crate::settings::Refusal;
 use crate::struck::Struck;
 use crate::swap::Record;
 use crate::{keepers, shortage, warn};
+use drawn::Drawn;
 use hyst_exchange::{Station, StationPage, system};
 use serde_json::json;
 
@@ -47,6 +49,7 @@ const MOST_AHEAD_TICKS: u64 = 3_600_000;
 fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     let mut injection = injection(args)?;
     let wanted = args.state.as_deref().map(state::named).transpose()?;
+    let mut drawn = Drawn::of(args, injection.kind)?;
     let aim = injection.check().map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(super::no_station(station));
@@ -59,14 +62,22 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
         return Err(Refusal::input(keepers::OUTSIDE_OF_TEST_MODE));
     }
     if let Some(words) = &args.tick {
-        injection.tick = wait_for_tick(station, words)?;
+        injection.tick = wait_for_tick(station, "--tick", words)?;
     }
+    if let Some(drawn) = &mut drawn
+        && let Some(words) = drawn.tick_words()
+    {
+        injection.tick = wait_for_tick(station, "--seed", &words)?;
+        drawn.tick = Some(injection.tick);
+    }
+    let phase_us = args.phase_us.or(drawn.map(|drawn| drawn.phase_us));
     if let Some(wanted) = wanted {
-        let page = args.phase_us.map(|_| page_of(station, "--phase")).transpose()?;
+        let option = if args.phase_us.is_some() { "--phase" } else { "--seed" };
+        let page = phase_us.map(|_| page_of(station, option)).transpose()?;
         state::wait_for(station, wanted, args.within_s)?;
         injection.tick = page.map_or(0, |page| first_to_ask_for(&page, system::now_ns()));
     }
-    injection.phase_us = args.phase_us.unwrap_or(0);
+    injection.phase_us = phase_us.unwrap_or(0);
     if let Aim::Engines(Target { role, which: Which::Newcomer }) = aim
         && Record::under_way(station, role).is_none()
     {
@@ -83,7 +94,7 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     };
     let (struck, has_lasted) = done.map_err(not_done)?;
     struck.iter().filter_map(|struck| struck.caution.as_ref()).for_each(|line| warn(line));
-    println!("{}", told(args, wanted, struck.as_ref()));
+    println!("{}", told(args, wanted, drawn, struck.as_ref()));
     if has_lasted {
         return Ok(0);
     }
@@ -92,10 +103,11 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
 }
 
 /// What was done, in words or as JSON; of a supervisor of an older build nobody knows more than that it was.
-fn told(args: &InjectArgs, wanted: Option<Wanted>, struck: Option<&Struck>) -> String {
+fn told(args: &InjectArgs, wanted: Option<Wanted>, drawn: Option<Drawn>, struck: Option<&Struck>) -> String {
     let held = wanted.and_then(|wanted| state::held(wanted, struck?.doing.as_ref()));
     if args.json {
-        let told = json!({ "kind": args.kind, "target": args.target, "struck": struck, "state": args.state, "held": held });
+        let InjectArgs { kind, target, state, .. } = args;
+        let told = json!({ "kind": kind, "target": target, "struck": struck, "state": state, "held": held, "drawn": drawn });
         return format!("{told:#}");
     }
     let older = || {
@@ -108,7 +120,7 @@ fn told(args: &InjectArgs, wanted: Option<Wanted>, struck: Option<&Struck>) -> S
     let state = args.state.as_deref().zip(held).map(|(state, held)| {
         if held { format!("; in state {state}") } else { format!("; by then the station was no longer in state {state}") }
     });
-    line + &state.unwrap_or_default()
+    line + &state.unwrap_or_default() + &drawn.map(Drawn::line).unwrap_or_default()
 }
 
 /// One that was refused hurt nobody, as one that cannot be; of any other it is not known, or it was begun.
@@ -133,10 +145,10 @@ fn first_to_ask_for(page: &StationPage, now_ns: u64) -> u64 {
     page.tick_at(now_ns + ASK_AHEAD_NS) + 1
 }
 
-/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
-fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
-    let page = page_of(station, "--tick")?;
-    let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("--tick {words}: {why}")))?;
+/// Waits until shortly before the tick that the words of an option name, in the station's own time; gives the tick.
+fn wait_for_tick(station: &Station, option: &str, words: &str) -> Result<u64, Refusal> {
+    let page = page_of(station, option)?;
+    let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("{option} {words}: {why}")))?;
     let ask_ns = page.start_of(tick).saturating_sub(ASK_AHEAD_NS);
     loop {
         let now_ns = system::now_ns();
@@ -182,6 +194,7 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
         Helper::from_name(name).ok_or_else(|| Refusal::input(format!("--thread {name}: there are {}", threads.join(", "))))
     });
     let thread = thread.transpose()?;
+    let seed = seed.filter(|_| kind == FaultKind::Corrupt); // of any other kind the moment alone is drawn
     let now = Injection::now(kind, &args.target);
     Ok(Injection { for_s, factor, extra_s, jitter, rate, times, output, thread, place, bytes, seed, ..now })
 }
@@ -219,24 +232,30 @@ mod tests {
         let plain = args("hystation fault inject kill tissue:active");
         let hit = crate::struck::Hit { process: "tissue:1".into(), incarnation: 9, pid: 77 };
         let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301, ..Struck::default() };
-        assert_eq!(told(&plain, None, Some(&struck)), struck.line("kill"));
-        let older = told(&plain, None, None);
+        assert_eq!(told(&plain, None, None, Some(&struck)), struck.line("kill"));
+        let older = told(&plain, None, None, None);
         assert!(older.contains("kill of tissue:active: it was done") && older.contains("older build"), "{older}");
         let programs = args("hystation fault inject kill tissue:active --json");
-        let found: Value = serde_json::from_str(&told(&programs, None, Some(&struck))).unwrap();
+        let found: Value = serde_json::from_str(&told(&programs, None, None, Some(&struck))).unwrap();
         assert_eq!((&found["struck"]["victims"][0]["process"], &found["struck"]["tick"]), (&json!("tissue:1"), &json!(1_234)));
-        let older: Value = serde_json::from_str(&told(&programs, None, None)).unwrap();
-        assert!(older["struck"].is_null() && older["target"] == "tissue:active", "{older}");
+        let older: Value = serde_json::from_str(&told(&programs, None, None, None)).unwrap();
+        assert!(older["struck"].is_null() && older["target"] == "tissue:active" && older["drawn"].is_null(), "{older}");
+        // A moment that was drawn is told, too.
+        let drawn = Some(Drawn { seed: 7, ahead_ticks: Some(912), tick: Some(1_234), phase_us: 300 });
+        let line = struck.line("kill") + "; drawn from seed 7: --tick +912 --phase 300 (tick 1234)";
+        assert_eq!(told(&plain, None, drawn, Some(&struck)), line);
+        let found: Value = serde_json::from_str(&told(&programs, None, drawn, Some(&struck))).unwrap();
+        assert_eq!(found["drawn"], json!({ "seed": 7, "ahead_ticks": 912, "tick": 1_234, "phase_us": 300 }));
         // A state that was waited for may have gone when the fault came.
         let waits = args("hystation fault inject kill tissue:active --state contact --within 5s");
         let wanted = waits.state.as_deref().map(|word| state::named(word).unwrap());
         let came = |contacts: u32| {
             let doing = Some(Doing { whole: true, contacts: Some(contacts), ..Doing::default() });
-            told(&waits, wanted, Some(&Struck { doing, ..struck.clone() }))
+            told(&waits, wanted, None, Some(&Struck { doing, ..struck.clone() }))
         };
         assert!(came(2).ends_with("us into it; in state contact"), "{}", came(2));
         assert!(came(0).ends_with("no longer in state contact"), "{}", came(0));
-        assert_eq!(told(&waits, wanted, Some(&struck)), struck.line("kill"), "nobody says what the station was doing");
+        assert_eq!(told(&waits, wanted, None, Some(&struck)), struck.line("kill"), "nobody says what the station was doing");
     }
 
     /// What the supervisor refuses ended with 1, as what failed.

@@ -1,9 +1,10 @@
 //! What README, handbook and the pages about faults, engines and drivers show of this program is what it takes.
 
-use super::{Place, injection};
+use super::{Drawn, Place, injection};
 use crate::campaign;
 use crate::cli::{Cli, Command, FaultCommand, InjectArgs};
 use crate::doing::Wanted;
+use crate::faultfile::Injection;
 use clap::Parser;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +47,8 @@ fn is_a_campaign(file: &Path, text: &str) -> bool {
 fn is_a_fault(args: &InjectArgs) -> bool {
     let is_place = args.place.as_deref().is_none_or(|place| Place::from_name(place).is_some());
     let is_state = args.state.as_deref().is_none_or(|word| Wanted::parse(word).is_ok());
-    is_place && is_state && injection(args).is_ok_and(|injection| injection.check().is_ok())
+    let is_good = |injection: Injection| injection.check().is_ok() && Drawn::of(args, injection.kind).is_ok();
+    is_place && is_state && injection(args).is_ok_and(is_good)
 }
 
 /// README's own example of a fault was refused.

@@ -96,6 +96,7 @@ fn row(head: &str, text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::draw::GAP_TICKS;
     use crate::cli::Cli;
     use crate::faultfile::{DEFAULT_BYTES, DEFAULT_TIMES, default_rate};
     use clap::Parser;
@@ -162,6 +163,7 @@ mod tests {
             format!("MiB per second. Default: {memory}. leak-files: files per second. Default: {files}"),
             format!("how many successors die, 1 to 20. Default: {DEFAULT_TIMES}"),
             format!("how many bytes. Default: {DEFAULT_BYTES}"),
+            format!("the tick, {} to {} ticks from now", GAP_TICKS[0], GAP_TICKS[1]),
         ] {
             assert!(help.contains(&words), "{words}: {help}");
         }
