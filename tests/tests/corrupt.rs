@@ -4,8 +4,6 @@ use station_tests::{Ended, RECOVERY_LIMIT, Station, hystation, run, wait_for};
 
 /// Times that bytes are flipped in each place.
 const TIMES: usize = 2;
-/// The seed is that of the bytes alone: the moment is said, and comes as soon as it is asked for.
-const AT_ONCE: &str = "--tick +1 --phase 0";
 
 /// Flips bytes at a place of each target, some times each, and lets the station recover each time: what is in a page or a message is written anew.
 fn flip(name: &str, place: &str, targets: &[&str], bytes: usize) -> Ended {
@@ -14,7 +12,7 @@ fn flip(name: &str, place: &str, targets: &[&str], bytes: usize) -> Ended {
         for target in targets {
             station.run_ticks(300);
             let (slot, _) = station.victim(target);
-            station.inject(&format!("corrupt {slot} --where {place} --bytes {bytes} --seed {} {AT_ONCE}", seed + 1));
+            station.inject(&format!("corrupt {slot} --where {place} --bytes {bytes} --seed {}", seed + 1));
             station.run_ticks(1_200);
             station.recover();
         }
@@ -66,7 +64,7 @@ fn bytes_that_flip_in_the_connections_of_a_stream_apply_no_wrong_force() {
     let station = Station::start("flip-link", &["--hand", "script:press", "--test-mode"]);
     for target in ["haptic", "tissue", "fluid", "collision-worker"] {
         let (device, missed) = (station.processes("device")[0]["pid"].clone(), station.ledger().1);
-        let fault = format!("{target}:0 --where link --bytes 64 --seed 1 {AT_ONCE}");
+        let fault = format!("{target}:0 --where link --bytes 64 --seed 1");
         let (code, _, said) =
             run(hystation().args(["--name", station.name(), "fault", "inject", "corrupt"]).args(fault.split(' ')));
         assert!(code == Some(0) || said.contains("not alive") || said.contains("no segment"), "{code:?} {said}");
@@ -89,7 +87,7 @@ fn a_damaged_checkpoint_is_not_gone_on_from() {
         for role in ["tissue", "fluid"] {
             station.run_ticks(400);
             for index in 0..2 {
-                station.inject(&format!("corrupt {role}:{index} --where checkpoint --bytes 4096 --seed {} {AT_ONCE}", seed + 1));
+                station.inject(&format!("corrupt {role}:{index} --where checkpoint --bytes 4096 --seed {}", seed + 1));
             }
             station.inject(&format!("kill {role}:both"));
             station.recover();
@@ -111,7 +109,7 @@ fn bytes_that_flip_in_the_stations_page_apply_no_wrong_force_and_the_station_can
     for seed in 1..=TIMES {
         let station = Station::start(&format!("flip-station{seed}"), &["--hand", "script:press", "--test-mode"]);
         station.run_ticks(500);
-        station.inject(&format!("corrupt tissue --where station --bytes 16 --seed {seed} {AT_ONCE}"));
+        station.inject(&format!("corrupt tissue --where station --bytes 16 --seed {seed}"));
         // Its clock may be one of the bytes, so that its ticks tell nothing: the hardware's own count does.
         let (ticks, _) = station.ledger();
         let _ = wait_for(RECOVERY_LIMIT / 60, || (station.ledger().0 > ticks + 2_000).then_some(()));

@@ -76,8 +76,8 @@ pub struct InjectArgs {
     #[arg(long)]
     pub bytes: Option<u32>,
     /// Draw from it what is not said of the moment: the phase, and without --tick and --state the tick, 600 to 1400 ticks from now, as in a campaign that says
-    /// no gap_ticks. What was drawn is told, to be done again with --tick and --phase. corrupt: its bytes, too. Default: nothing is drawn of the moment, and
-    /// the bytes from another seed each time, which the events say.
+    /// no gap_ticks. What was drawn is told, to be done again with --tick and --phase. corrupt: its bytes, and not the moment. Default: nothing is drawn of the
+    /// moment, and the bytes from another seed each time, which the events say.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Say whom it hit, and when, as JSON.

@@ -148,7 +148,8 @@ fn first_to_ask_for(page: &StationPage, now_ns: u64) -> u64 {
 /// Waits until shortly before the tick that the words of an option name, in the station's own time; gives the tick.
 fn wait_for_tick(station: &Station, option: &str, words: &str) -> Result<u64, Refusal> {
     let page = page_of(station, option)?;
-    let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("{option} {words}: {why}")))?;
+    let tick =
+        tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("{option} {words}: {why}")))?;
     let ask_ns = page.start_of(tick).saturating_sub(ASK_AHEAD_NS);
     loop {
         let now_ns = system::now_ns();

@@ -20,12 +20,12 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    /// What is to be drawn for a command; `None` if nothing is. A seed that nothing is drawn from, neither a moment nor bytes, is refused.
+    /// What is to be drawn for a command; `None` if nothing is. The seed of `corrupt` is that of its bytes. One that nothing is drawn from is refused.
     pub(super) fn of(args: &InjectArgs, kind: FaultKind) -> Result<Option<Drawn>, Refusal> {
-        let Some(seed) = args.seed else { return Ok(None) };
+        let Some(seed) = args.seed.filter(|_| kind != FaultKind::Corrupt) else { return Ok(None) };
         if args.phase_us.is_some() {
             // A phase comes with a tick or a state: the moment is said.
-            return if kind == FaultKind::Corrupt { Ok(None) } else { Err(nothing_to_draw(args, seed, kind)) };
+            return Err(nothing_to_draw(args, seed, kind));
         }
         let is_said = args.tick.is_some() || args.state.is_some();
         let (ahead_ticks, phase_us) = Draw::new(seed).moment(GAP_TICKS);
@@ -101,11 +101,12 @@ mod tests {
             assert_eq!(drawn(&format!("kill tissue --seed 7 {words}")), Ok(Some(phase_alone)), "{words}");
         }
         for (said, word) in [("--tick", "+9"), ("--state", "idle")] {
-            let words = format!("tissue --seed 7 {said} {word} --phase 0");
-            let refusal = drawn(&format!("kill {words}")).unwrap_err();
+            let refusal = drawn(&format!("kill tissue --seed 7 {said} {word} --phase 0")).unwrap_err();
             let is_clear = refusal.message.starts_with(&format!("--seed 7: {said} and --phase say the moment, and of kill"));
             assert!(refusal.code == 2 && is_clear, "{refusal:?}");
-            assert_eq!(drawn(&format!("corrupt {words} --where page")), Ok(None), "its bytes are drawn");
+        }
+        for moment in ["", "--tick +9", "--tick +9 --phase 0", "--state idle"] {
+            assert_eq!(drawn(&format!("corrupt tissue --where page --seed 7 {moment}")), Ok(None), "its bytes are drawn");
         }
         for words in ["--phase 5 --seed 7", "--seed", "--seed -1", "--seed 1.5", "--tick +9 --state idle --seed 7"] {
             let line = format!("hystation fault inject kill tissue {words}");
