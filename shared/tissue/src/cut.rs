@@ -167,7 +167,7 @@ pub enum CutError {
         /// The node.
         node: usize,
     },
-    /// A tet that has no positive volume at rest.
+    /// A tet near the sheet that has no positive volume at rest.
     #[error("tet {tet} is inverted or flat at rest; repair the mesh (hyst-mesh `repair`)")]
     BadTet {
         /// The tet.
@@ -257,8 +257,8 @@ impl Cuttable {
         }
     }
 
-    /// What a cut would make worse.
-    fn check_shape(&self) -> Result<(), CutError> {
+    /// What a cut would make worse: numbers that are none anywhere, and tets without a volume of those near the sheet.
+    fn check_shape(&self, near: &[u32]) -> Result<(), CutError> {
         let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
         let lists = [
             ("a place at rest", &self.rest.positions_m),
@@ -271,8 +271,8 @@ impl Cuttable {
                 return Err(CutError::NotFinite { what, node });
             }
         }
-        let is_flat = |tet: &[u32; 4]| signed_volume(corners(&self.rest.positions_m, *tet)) <= 0.0;
-        self.rest.tets.iter().position(is_flat).map_or(Ok(()), |tet| Err(CutError::BadTet { tet }))
+        let is_flat = |tet: &&u32| signed_volume(corners(&self.rest.positions_m, self.rest.tets[**tet as usize])) <= 0.0;
+        near.iter().find(is_flat).map_or(Ok(()), |tet| Err(CutError::BadTet { tet: *tet as usize }))
     }
 }
 
@@ -310,7 +310,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     let sheet = Sheet::of(&motion);
     let near = sheet.near(tissue);
     if !near.is_empty() {
-        tissue.check_shape()?;
+        tissue.check_shape(&near)?;
     }
     tissue.part_of_tet.clear();
     if !near.is_empty() {
@@ -356,6 +356,25 @@ mod tests {
     use glam::DVec3;
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
+
+    #[test]
+    fn a_tet_without_a_volume_is_refused_where_the_wire_goes_and_nowhere_else() {
+        let whole = Cuttable::at_rest(lattice(&[true; TETS]));
+        let wire = |z: f32| [[-1.0, 0.5, z], [4.0, 0.5, z]];
+        let drawn = |tissue: &mut Cuttable| {
+            cut(tissue, &wire(-0.1), &CutOptions::default()).and_then(|_| cut(tissue, &wire(0.4), &CutOptions::default()))
+        };
+        assert!(drawn(&mut whole.clone()).unwrap().has_changed_mesh());
+        for (tet, is_near) in [(0, true), (TETS - 1, false)] {
+            let mut inverted = whole.clone();
+            inverted.rest.tets[tet].swap(0, 1);
+            let before = inverted.rest.clone();
+            match drawn(&mut inverted) {
+                Ok(report) => assert!(!is_near && report.has_changed_mesh(), "tet {tet}"),
+                Err(error) => assert!(is_near && error == CutError::BadTet { tet } && inverted.rest == before, "{error}"),
+            }
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 300, rng_seed: RngSeed::Fixed(5), failure_persistence: None, ..ProptestConfig::default() })]

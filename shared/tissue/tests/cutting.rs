@@ -163,7 +163,27 @@ fn what_is_no_cut_changes_nothing() {
     };
     assert!(matches!(broken(|tissue| tissue.rest.positions_m[40][1] = f32::NAN), CutError::NotFinite { node: 40, .. }));
     assert!(matches!(broken(|tissue| tissue.marks[40][1] = f32::INFINITY), CutError::NotFinite { node: 40, .. }));
-    assert_eq!(broken(|tissue| tissue.rest.tets[9].swap(0, 1)), CutError::BadTet { tet: 9 });
+    let inverted = broken(|tissue| {
+        let near = near_wire(tissue);
+        tissue.rest.tets[near].swap(0, 1);
+    });
+    assert_eq!(inverted, CutError::BadTet { tet: near_wire(&seated) });
+    // Far from the wire it takes no part, and nothing is burnt for it either.
+    let mut far = seated.clone();
+    let end = far.rest.tets.len() - 1;
+    far.rest.tets[end].swap(0, 1);
+    let report = cut(&mut far, &moved, &options).unwrap();
+    assert!(report.has_changed_mesh() && report.burnt_tets == 0 && near_wire(&seated) != end, "{report:?}");
+}
+
+/// A tet through which the wire of the test above goes.
+fn near_wire(tissue: &Cuttable) -> usize {
+    let is_between = |tet: &[u32; 4], axis: usize, at: f32| {
+        let corners = tet.map(|node| tissue.position_m[node as usize][axis]);
+        corners.iter().any(|corner| *corner <= at) && corners.iter().any(|corner| *corner >= at)
+    };
+    let is_near = |tet: &[u32; 4]| [0.0105, 0.005, 0.003].into_iter().enumerate().all(|(axis, at)| is_between(tet, axis, at));
+    tissue.rest.tets.iter().position(is_near).expect("a tet near the wire")
 }
 
 #[test]

@@ -14,7 +14,8 @@ pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport)
     for (tet, part) in tissue.rest.tets.iter().zip(&part) {
         let sum = &mut volume_m3[*part as usize];
         if *sum < enough_m3 {
-            *sum += signed_volume(corners(&tissue.rest.positions_m, *tet));
+            // Far from the wire some may be inverted.
+            *sum += signed_volume(corners(&tissue.rest.positions_m, *tet)).abs();
         }
     }
     let least = volume_m3.iter().copied().fold(0.0, f64::max).min(enough_m3);

@@ -4,7 +4,7 @@ use super::cells::Cells;
 use super::places::{SingleBounds, Spot, corners, sorted};
 use glam::DVec3;
 use hyst_mesh::{FACES, TetMesh};
-use std::cell::OnceCell;
+use std::cell::RefCell;
 
 /// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
 const HAIR: f64 = 1e-4;
@@ -18,8 +18,7 @@ pub struct Neighbourhood<'a> {
     regions: Vec<u32>,
     cells: Cells,
     bounds: Vec<SingleBounds>,
-    /// Made when they are first asked for: of many tets nothing is.
-    planes: Vec<OnceCell<Planes>>,
+    planes: RefCell<KnownPlanes>,
     /// The tet beyond each face, or none.
     joined: Vec<[u32; 4]>,
     /// How many parts were found so far, by which each is known, and how many of them around points before; for each tet the last of them that it is in,
@@ -40,6 +39,13 @@ pub struct Neighbourhood<'a> {
 struct Planes {
     normals: [[f64; 4]; 3],
     offsets_m: [f64; 4],
+}
+
+/// The planes of those tets that were asked about: of many nothing is.
+struct KnownPlanes {
+    /// The place of each tet's in the list, or none.
+    place_of: Vec<u32>,
+    all: Vec<Planes>,
 }
 
 impl Planes {
@@ -69,7 +75,7 @@ impl<'a> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
         let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
         let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
-        let planes = tets.iter().map(|_| OnceCell::new()).collect();
+        let planes = RefCell::new(KnownPlanes { place_of: vec![NONE; tets.len()], all: Vec::new() });
         let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
         let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
         Neighbourhood {
@@ -97,11 +103,14 @@ impl<'a> Neighbourhood<'a> {
 
     /// How far a point is inside of the face that it is least inside of, m.
     pub fn depth_m(&self, index: u32, point: DVec3) -> f64 {
-        let planes = self.planes[index as usize].get_or_init(|| {
+        let KnownPlanes { place_of, all } = &mut *self.planes.borrow_mut();
+        let place = &mut place_of[index as usize];
+        if *place == NONE {
+            *place = all.len() as u32;
             let nodes = self.rest.tets[self.tets[index as usize] as usize];
-            Planes::of(corners(&self.rest.positions_m, nodes))
-        });
-        planes.depth_m(point)
+            all.push(Planes::of(corners(&self.rest.positions_m, nodes)));
+        }
+        all[*place as usize].depth_m(point)
     }
 
     /// Whether a point that is so deep in a tet is around it beyond doubt.
