@@ -24,6 +24,8 @@ use std::sync::Arc;
 const MAX_HITS: usize = 8192;
 /// Room for so many nodes of tissue from the start; with more it grows once.
 const USUAL_NODES: usize = 32_768;
+/// And so many tets.
+const USUAL_TETS: usize = 131_072;
 /// How long the worker waits for a release before it looks for a new coordinator, ns.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 /// Tissues whose streams are read.
@@ -87,7 +89,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         roster,
         sources: Default::default(),
         followed: None,
-        cull: Cull::for_nodes(USUAL_NODES),
+        cull: Cull::remembering(USUAL_NODES, USUAL_TETS, USUAL_NODES),
         hits: vec![Hit::default(); MAX_HITS],
         tells,
         lies: Lies::new(life, bytes),
@@ -269,7 +271,7 @@ impl Worker<'_> {
         let [only_from, beyond] = job.own;
         let own = OwnContact { rest_m: topology.section(7).ok()?, beyond_m: f32::from_bits(beyond), only_from };
         let points = Points { owner: job.owner, node: job.node, own: Some(own) };
-        let found = intersect(share, &job.hash, &points, &tissue, &mut self.cull, &mut self.hits).ok()?;
+        let found = intersect(share, &job.hash, &points, &tissue, self.cull.of(version), &mut self.hits).ok()?;
         (found.dropped == 0).then_some(found.count)
     }
 

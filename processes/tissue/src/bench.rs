@@ -19,7 +19,7 @@ mod paper;
 mod peer;
 mod press;
 
-use hyst_engine::bench::{finish, quantile_ns, request, spread, target};
+use hyst_engine::bench::{finish, quantile_ns, request, spread, target, usual_ns};
 use hyst_scene::{LoadedScene, collision_points};
 use hyst_tissue::Isa;
 use press::{DEFORMATION, INTERSECTION, PHASES, Press, Record};
@@ -95,7 +95,7 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
         row["arithmetic"] = limit::arithmetic(isa, substeps, deformation_ns / tets / substeps);
         complete(&mut row, scene, &press, &record, |_| true);
         if isa == Isa::detect() {
-            row["speedup"] = speedup(scene, |_| true)?;
+            row["speedup"] = speedup(scene, Press::new, |_| true)?;
             let most_ns = most_ns_per_tet(isa);
             let value = row["ns_per_tet_and_substep"].as_f64().unwrap_or(f64::NAN);
             let name = format!("deformation with {}, ns per tet and substep", isa.name());
@@ -213,15 +213,15 @@ fn contact(scene: LoadedScene) -> Result<Vec<Value>, String> {
         let mut press = Press::new(&scene, Isa::detect(), 1)?;
         let record = press.run(RUN_NS)?;
         let mut tests_ns = record.steps_ns(|phase| phase <= INTERSECTION);
-        let test_ns = quantile_ns(&mut tests_ns, 0.5);
+        let test_ns = usual_ns(&mut tests_ns);
         let mut row = json!({
-            "method": "hash of the points, tets streamed past it",
+            "method": "hash of the points, tets near them streamed past it",
             "test_us": spread(&mut tests_ns, US),
             "test_hz": 1e9 / test_ns,
             "ns_per_tet": test_ns / press.tets() as f64,
             "limit_ratio": test_ns / press.pass_ns() as f64,
             "brute_force_ratio": press.brute_ns()? as f64 / test_ns,
-            "speedup": speedup(&scene, |phase| phase == INTERSECTION)?,
+            "speedup": speedup(&scene, Press::new, |phase| phase == INTERSECTION)?,
         });
         complete(&mut row, &scene, &press, &record, |phase| phase != DEFORMATION && PHASES[phase] != "surface");
         let ratio = beside_peer(&mut row, &press, test_ns)?;
@@ -262,20 +262,24 @@ fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record
     row["peers_note"] = json!(PEERS);
 }
 
-/// The median time of a step with the test on so many threads, ns, counting the phases that are chosen.
-fn median_ns(scene: &LoadedScene, threads: usize, counts: impl Fn(usize) -> bool) -> Result<f64, String> {
-    let record = Press::new(scene, Isa::detect(), threads)?.run(RUN_NS)?;
-    Ok(quantile_ns(&mut record.steps_ns(counts), 0.5).max(1.0))
+/// How a run is made: of a scene, with an instruction set, the test on so many threads.
+type Make = fn(&LoadedScene, Isa, usize) -> Result<Press, String>;
+
+/// The time of a step with the test on so many threads, ns, counting the phases that are chosen: the mean of all but the slowest hundredth, for few steps look at
+/// all tets.
+fn time_ns(scene: &LoadedScene, make: Make, threads: usize, counts: impl Fn(usize) -> bool) -> Result<f64, String> {
+    let record = make(scene, Isa::detect(), threads)?.run(RUN_NS)?;
+    Ok(usual_ns(&mut record.steps_ns(counts)).max(1.0))
 }
 
 /// How many times as much the chosen phases get done: with the test on several threads, and by as many independent copies. One thread
 /// alone is measured in the same breath, so that all three see the same machine.
-fn speedup(scene: &LoadedScene, counts: impl Fn(usize) -> bool + Sync) -> Result<Value, String> {
-    let median_ns = |threads: usize| median_ns(scene, threads, &counts);
-    let alone_ns = median_ns(1)?;
-    let shared_ns = median_ns(THREADS)?;
+fn speedup(scene: &LoadedScene, make: Make, counts: impl Fn(usize) -> bool + Sync) -> Result<Value, String> {
+    let time_ns = |threads: usize| time_ns(scene, make, threads, &counts);
+    let alone_ns = time_ns(1)?;
+    let shared_ns = time_ns(THREADS)?;
     let copies: Vec<Result<f64, String>> = std::thread::scope(|scope| {
-        let running: Vec<_> = (0..THREADS).map(|_| scope.spawn(|| median_ns(1))).collect();
+        let running: Vec<_> = (0..THREADS).map(|_| scope.spawn(|| time_ns(1))).collect();
         running.into_iter().map(|copy| copy.join().unwrap_or_else(|_| Err("a copy panicked".into()))).collect()
     });
     let mut together = 0.0;

@@ -43,7 +43,9 @@ pub struct Collision {
     /// Parts that were computed beside their worker so far, and the hits of the last one.
     parts: u32,
     part: Vec<Hit>,
-    cull: Cull,
+    /// What is remembered of each share from step to step; of the parts, each of which is another one, nothing.
+    culls: Vec<Cull>,
+    cull_of_part: Cull,
     missing: u32,
     dropped: u32,
     copied_bytes: u64,
@@ -87,6 +89,8 @@ impl Collision {
     /// For the workers of the station.
     pub fn new(life: &Life, world: &World) -> Result<Collision, Failure> {
         let workers = life.settings.workers.min(MAX_WORKERS);
+        let room = &world.case.room;
+        let cull = || Cull::remembering(room.nodes, room.tets, world.points.tool + room.nodes);
         let mut collision = Collision {
             workers,
             asking: Asking::new(life)?,
@@ -103,7 +107,8 @@ impl Collision {
             found: 0,
             parts: 0,
             part: Vec::new(),
-            cull: Cull::for_nodes(world.case.room.nodes),
+            culls: (0..workers.max(1)).map(|_| cull()).collect(),
+            cull_of_part: Cull::for_nodes(room.nodes),
             missing: 0,
             dropped: 0,
             copied_bytes: 0,
@@ -245,7 +250,7 @@ impl Collision {
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
                 let part = if index == looked_at {
                     let part = share.part(number, PARTS);
-                    intersect(part, &hash, points, &tissue, &mut self.cull, &mut self.part).map_err(broken)?.count
+                    intersect(part, &hash, points, &tissue, &mut self.cull_of_part, &mut self.part).map_err(broken)?.count
                 } else {
                     0
                 };
@@ -272,7 +277,8 @@ impl Collision {
         }
         for index in (0..count).filter(|index| done & (1 << index) == 0) {
             let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-            let found = intersect(share, &hash, points, &tissue, &mut self.cull, &mut self.shares[index]).map_err(broken)?;
+            let cull = self.culls[index].of(world.version);
+            let found = intersect(share, &hash, points, &tissue, cull, &mut self.shares[index]).map_err(broken)?;
             self.counts[index] = found.count;
             self.dropped = self.dropped.saturating_add(found.dropped as u32);
         }

@@ -1,126 +1,215 @@
-//! Which tets come near any point at all. Each node is told once on which sides of a few boxes around the points it lies (outcodes, as of Cohen and
-//! Sutherland), and a tet of which all corners lie beyond the same side of each box is left out: its own box meets none of them. A node belongs to some
-//! twenty tets, so that this costs a small part of looking at each tet's box.
+//! What is remembered from step to step of the tets that come near the points: a neighbour list, as of Verlet (1967). It has each tet that a point lay in or
+//! near when it was made, and serves until nodes and points together have come as far as it was made for. So most steps look at a few hundred tets,
+//! where there are thousands.
+//!
+//! Promise: the hits are those of a search through all tets, to the last bit. A point that lies in a tet now is a mean of its corners; the same mean of where
+//! these were is in the tet of that time, and as far from where the point was as both have come at most. For points that were nowhere, as nodes of folds are until they
+//! are pressed far, tets are looked for and added. For a node that is or was nowhere, another tissue, other points, another share all are looked for anew.
 
 use crate::hash_read::HashRef;
-use crate::types::Tissue;
+use crate::outcodes::{Around, Outcodes, around};
+use crate::tet::{max, min};
+use crate::types::{Points, Tissue};
 
-/// Boxes around the points.
-const BOXES: usize = 5;
-/// Sides of a box.
-const SIDES: usize = 6;
-/// Nodes that are told at once.
-const NODES: usize = 16;
-/// The highest bit of each box in a code, and all its others.
-const HIGH: u32 = fields(1 << (SIDES - 1));
-const LOW: u32 = fields((1 << (SIDES - 1)) - 1);
+/// For how many steps a list is made, if all goes on as fast as before.
+const STEPS: f32 = 12.0;
+/// The least and the most that a list is made for, in cells: with more, tets are in it that no point will come to for long.
+const LEAST: f32 = 0.02;
+const MOST: f32 = 0.25;
+/// It is made anew after so many steps at the latest, so that what a byte that flips in memory that others write does to it does not stay.
+const MOST_STEPS: u32 = 64;
+/// The share of it that may be used up: the rest is for rounding.
+const USABLE: f32 = 0.95;
+/// Up to one newcomer among so many points is added to a list; of more it is made anew.
+const NEWCOMERS: usize = 8;
+/// No list is made for less than this share of the largest coordinate of a node: rounding would take more than the rest.
+const ROUNDING: f32 = 2e-5;
 
-/// The same bits for each box.
-const fn fields(bits: u32) -> u32 {
-    let (mut all, mut at) = (0, 0);
-    while at < BOXES {
-        all |= bits << (at * SIDES);
-        at += 1;
-    }
-    all
-}
-
-/// Where the nodes lie beside the points; sized once.
+/// What a search for hits keeps between two steps; sized once. Without [`Cull::of`] it remembers nothing.
 #[derive(Debug, Default)]
 pub struct Cull {
-    codes: Vec<u32>,
+    pub(crate) outcodes: Outcodes,
+    pub(crate) known: Known,
 }
 
 impl Cull {
     /// With room for so many nodes; it grows with tissue of more.
     pub fn for_nodes(nodes: usize) -> Cull {
-        Cull { codes: Vec::with_capacity(nodes) }
+        Cull { outcodes: Outcodes::for_nodes(nodes), known: Known::default() }
     }
 
-    /// Tells each node where it lies beside the points of these sorted places.
-    #[inline(always)]
-    pub(crate) fn tell(&mut self, tissue: &Tissue<'_>, hash: &HashRef<'_>, (from, to): (usize, usize)) {
-        let boxes: [_; BOXES] = std::array::from_fn(|at| {
-            // Places are sorted by cells, layer by layer, so that those of a part lie together.
-            let place = |at: usize| from.wrapping_add(to.wrapping_sub(from).wrapping_mul(at) / BOXES);
-            hash.around((place(at), place(at.wrapping_add(1))))
-        });
-        self.codes.clear();
-        self.codes.resize(tissue.positions_m.len(), 0);
-        let (positions_m, codes) = (tissue.positions_m.chunks(NODES), self.codes.chunks_mut(NODES));
-        for (positions_m, codes) in positions_m.zip(codes) {
-            let mut x = [[f32::NAN; NODES]; 3];
-            for (l, position_m) in positions_m.iter().enumerate() {
-                for (axis, x) in x.iter_mut().enumerate() {
-                    x[l] = position_m[axis];
-                }
-            }
-            let mut all = [0u32; NODES];
-            for (at, (lo, hi)) in boxes.iter().enumerate() {
-                for (axis, x) in x.iter().enumerate() {
-                    mark(&mut all, x, (lo[axis], hi[axis]), 1 << (at * SIDES + 2 * axis));
-                }
-            }
-            codes.copy_from_slice(&all[..codes.len()]);
-        }
-    }
-
-    /// Whether the box of a tet meets one of those around the points; true too where one of its corners is no number, or does not exist.
-    #[inline(always)]
-    pub(crate) fn is_near(&self, tet: &[u32; 4]) -> bool {
-        let code = |node: u32| self.codes.get(node as usize).copied().unwrap_or(0);
-        let beyond = code(tet[0]) & code(tet[1]) & code(tet[2]) & code(tet[3]);
-        // The highest bit of each box in which any bit is set.
-        (((beyond & LOW).wrapping_add(LOW)) | beyond) & HIGH != HIGH
-    }
-}
-
-/// Marks the nodes below a range by a bit, and those above it by the next.
-#[inline(always)]
-fn mark(codes: &mut [u32; NODES], x: &[f32; NODES], (lo, hi): (f32, f32), below: u32) {
-    for (code, &x) in codes.iter_mut().zip(x) {
-        *code |= if x < lo { below } else { 0 } | if x > hi { below << 1 } else { 0 };
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::hash::{HashMut, HashSizes, Layout};
-
-    #[test]
-    fn a_tet_is_near_where_its_box_meets_a_box_of_points() {
-        // One layer of cells for each box of points: ten points on the diagonal, in pairs.
-        let points_m: Vec<[f32; 3]> = (0..10u8).map(|at| [f32::from(at) + 0.5; 3]).collect();
-        let sizes = HashSizes::for_points(600);
-        let mut words = vec![0; sizes.words()];
-        let mut table = HashMut::in_words(&mut words, sizes).unwrap();
-        table.build(&points_m, 1.0, Layout::Auto).unwrap();
-        let near = |lo: [f32; 3], hi: [f32; 3]| {
-            let positions_m = [lo, [hi[0], lo[1], lo[2]], [lo[0], hi[1], lo[2]], [lo[0], lo[1], hi[2]], [f32::NAN; 3]];
-            let tissue = Tissue { positions_m: &positions_m, tets: &[], tet_owner: &[] };
-            let mut cull = Cull::default();
-            cull.tell(&tissue, &table.as_ref(), (0, 10));
-            [cull.is_near(&[0, 1, 2, 3]), cull.is_near(&[0, 1, 2, 4]), cull.is_near(&[0, 1, 2, 9])]
+    /// With room to remember what is near so many points, in so many tets.
+    pub fn remembering(nodes: usize, tets: usize, points: usize) -> Cull {
+        let known = Known {
+            positions_m: Vec::with_capacity(nodes),
+            points_m: Vec::with_capacity(points),
+            owner: Vec::with_capacity(points),
+            node: Vec::with_capacity(points),
+            newcomers: Vec::with_capacity(points),
+            tets: Vec::with_capacity(tets),
+            ..Known::default()
         };
-        assert_eq!(near([0.0; 3], [10.0; 3]), [true; 3]);
-        assert_eq!(near([0.6; 3], [0.7; 3]), [true; 3], "inside of the first");
-        assert_eq!(near([1.5; 3], [1.9; 3]), [true; 3], "it touches the first with a corner");
-        assert!(!near([1.6; 3], [2.4; 3])[0], "between two");
-        assert!(!near([6.6, 6.6, 0.6], [7.4, 7.4, 1.4])[0], "beside all of them");
-        assert!(!near([-3.0, 4.0, 4.0], [-2.0, 5.0, 5.0])[0]);
-        assert!(!near([9.7; 3], [20.0; 3])[0], "beyond the last");
+        Cull { known, ..Cull::for_nodes(nodes) }
     }
 
-    #[test]
-    fn without_points_nothing_is_near() {
-        let sizes = HashSizes::for_points(4);
-        let mut words = vec![0; sizes.words()];
-        let mut table = HashMut::in_words(&mut words, sizes).unwrap();
-        table.build(&[], 1.0, Layout::Auto).unwrap();
-        let positions_m = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let mut cull = Cull::for_nodes(4);
-        cull.tell(&Tissue { positions_m: &positions_m, tets: &[], tet_owner: &[] }, &table.as_ref(), (0, 0));
-        assert!(!cull.is_near(&[0, 1, 2, 3]));
+    /// Remembers from now on, for tissue whose tets and their objects have this number, and no others: what is known of another is forgotten.
+    pub fn of(&mut self, topology: u32) -> &mut Cull {
+        if self.known.topology != Some(topology) {
+            self.known.topology = Some(topology);
+            self.known.forget();
+        }
+        self
     }
+
+    /// How many times tets were looked for among all, by one that remembers; also of newcomers alone.
+    pub fn searches(&self) -> u64 {
+        self.known.searches
+    }
+}
+
+/// The tets that points may lie in, and what was where when they were looked for.
+#[derive(Debug, Default)]
+pub(crate) struct Known {
+    topology: Option<u32>,
+    /// First bundle of tets, and the step to the next.
+    bundles: (usize, usize),
+    positions_m: Vec<[f32; 3]>,
+    /// By their numbers; [`NOWHERE`] for those that the table had not.
+    points_m: Vec<[f32; 3]>,
+    owner: Vec<u32>,
+    node: Vec<u32>,
+    /// From which point on they meet their own object alone, if any meets its own.
+    only_from: Option<u32>,
+    /// What the list is made for, m; 0 if there is none.
+    margin_m: f32,
+    /// Steps since what was where is known, and how far nodes and points have come since then, m.
+    age: u32,
+    moved_m: f32,
+    searches: u64,
+    /// Sorted places of points that were nowhere.
+    newcomers: Vec<u32>,
+    /// The tets, in their order.
+    pub tets: Vec<u32>,
+}
+
+const NOWHERE: [f32; 3] = [f32::NAN; 3];
+
+impl Known {
+    fn forget(&mut self) {
+        (self.margin_m, self.age, self.moved_m) = (0.0, 0, 0.0);
+        self.positions_m.clear();
+        self.points_m.clear();
+    }
+
+    /// Whether the tets still are all that a point may lie in but newcomers.
+    #[inline(always)]
+    pub fn serves(&mut self, bundles: (usize, usize), hash: &HashRef<'_>, points: &Points<'_>, tissue: &Tissue<'_>) -> bool {
+        if self.topology.is_none() {
+            return false;
+        }
+        let are_same = self.bundles == bundles
+            && self.positions_m.len() == tissue.positions_m.len()
+            && self.points_m.len() == hash.points()
+            && self.only_from == only_from(points)
+            && self.owner == points.owner
+            && self.node == points.node;
+        if !are_same {
+            self.forget();
+            return false;
+        }
+        self.age = self.age.saturating_add(1);
+        self.newcomers.clear();
+        let mut of_points_m = hash.farthest_m(&self.points_m);
+        if of_points_m.is_nan() {
+            of_points_m = hash.farthest_of_known_m(&self.points_m, &mut self.newcomers);
+        }
+        self.moved_m = farthest_m(&self.positions_m, tissue.positions_m) + of_points_m;
+        // False too where that is no number.
+        let is_near = self.margin_m > 0.0 && self.moved_m <= USABLE * self.margin_m;
+        is_near && self.age <= MOST_STEPS && self.newcomers.len() <= hash.kept() / NEWCOMERS
+    }
+
+    /// Takes in the newcomers, if there are any; gives boxes around them, grown by as much as a list for them is to reach, m, and that. What has been used up of the
+    /// list comes on top, for its way is measured from where all was before they came.
+    #[inline(always)]
+    pub fn newcomers(&mut self, hash: &HashRef<'_>) -> Option<(Around, f32)> {
+        if self.newcomers.is_empty() {
+            return None;
+        }
+        self.searches = self.searches.wrapping_add(1);
+        let reach_m = self.margin_m + self.moved_m;
+        let around_some = |(from, to): (usize, usize)| {
+            let places_m = self.newcomers[from..to].iter().map(|place| hash.position(*place as usize));
+            places_m.fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), |(lo, hi), place_m| {
+                let axes = |choose: fn(f32, f32) -> f32, of: [f32; 3]| [0, 1, 2].map(|axis| choose(of[axis], place_m[axis]));
+                (axes(min, lo), axes(max, hi))
+            })
+        };
+        let boxes = around((0, self.newcomers.len()), reach_m, around_some);
+        for place in &self.newcomers {
+            if let Some(point_m) = self.points_m.get_mut(hash.id(*place as usize) as usize) {
+                *point_m = hash.position(*place as usize);
+            }
+        }
+        Some((boxes, reach_m))
+    }
+
+    /// Puts tets that were added into their order.
+    #[inline(always)]
+    pub fn sort(&mut self) {
+        self.tets.sort_unstable();
+        self.tets.dedup();
+    }
+
+    /// Notes what is where now, and tells how far a list is to reach, m; 0 if none is worth while, or may be kept.
+    #[inline(always)]
+    pub fn renew(&mut self, bundles: (usize, usize), hash: &HashRef<'_>, points: &Points<'_>, tissue: &Tissue<'_>) -> f32 {
+        if self.topology.is_none() {
+            return 0.0;
+        }
+        self.searches = self.searches.wrapping_add(1);
+        let (cell_m, each_m) = (1.0 / hash.per_m(), self.moved_m / self.age.max(1) as f32);
+        let most_m = MOST * cell_m;
+        // For less than two steps a list costs more than it saves. False too where that is no number: a point that was nowhere.
+        let serves_for_some = 2.0 * each_m <= USABLE * most_m;
+        let margin_m = max(min(STEPS * each_m, most_m), LEAST * cell_m);
+        let is_exact = margin_m >= ROUNDING * reach_m(tissue.positions_m);
+        self.margin_m = if serves_for_some && is_exact { margin_m } else { 0.0 };
+        (self.bundles, self.only_from, self.age, self.moved_m) = (bundles, only_from(points), 0, 0.0);
+        copy(&mut self.positions_m, tissue.positions_m);
+        copy(&mut self.owner, points.owner);
+        copy(&mut self.node, points.node);
+        self.points_m.clear();
+        self.points_m.resize(hash.points(), NOWHERE);
+        hash.copy_to(&mut self.points_m);
+        self.tets.clear();
+        self.margin_m
+    }
+}
+
+fn only_from(points: &Points<'_>) -> Option<u32> {
+    points.own.map(|own| own.only_from)
+}
+
+fn copy<T: Copy>(to: &mut Vec<T>, from: &[T]) {
+    to.clear();
+    to.extend_from_slice(from);
+}
+
+/// The largest way on any axis from some places to as many others, m; no number if any is none.
+#[inline(always)]
+fn farthest_m(from_m: &[[f32; 3]], to_m: &[[f32; 3]]) -> f32 {
+    most(from_m.as_flattened().iter().zip(to_m.as_flattened()).map(|(from, to)| to - from))
+}
+
+/// The largest coordinate of some places, m; no number if any is none.
+#[inline(always)]
+fn reach_m(places_m: &[[f32; 3]]) -> f32 {
+    most(places_m.as_flattened().iter().copied())
+}
+
+/// The largest of some numbers without their signs: then their bits are in their order, and those of no number above all of them.
+#[inline(always)]
+pub(crate) fn most(numbers: impl Iterator<Item = f32>) -> f32 {
+    f32::from_bits(numbers.fold(0, |most, number| most.max(number.abs().to_bits())))
 }

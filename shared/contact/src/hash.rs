@@ -16,8 +16,8 @@ pub const LANES: usize = 8;
 
 pub(crate) const MAGIC: u32 = 0x4853_4831;
 pub(crate) const HEADER_WORDS: usize = 16;
-/// Cells are clamped here, far outside any scene, so that differences of cells fit into 32 bits.
-const CELL_LIMIT: f32 = 500_000_000.0;
+/// Cells are clamped here, far outside any scene, so that [`cell_of`] is exact.
+pub(crate) const CELL_LIMIT: i32 = 4_000_000;
 /// Mark of a point that is left out.
 const OUT: u32 = u32::MAX;
 
@@ -75,7 +75,11 @@ impl HashSizes {
 /// The cell that a coordinate lies in. Monotone, so the cells of a box's corners bound the cells of its points.
 #[inline(always)]
 pub(crate) fn cell_of(v: f32, per_m: f32) -> i32 {
-    max(min((v * per_m).floor(), CELL_LIMIT), -CELL_LIMIT) as i32
+    /// One and a half times 2²³: added to an integer below 2²² it has that in its last bits, plain or in two's complement. A conversion would have to ask
+    /// of each number whether it is one, and so is not made in lanes.
+    const SHIFT: f32 = 12_582_912.0;
+    let cell = max(min((v * per_m).floor(), CELL_LIMIT as f32), -CELL_LIMIT as f32);
+    (cell + SHIFT).to_bits().wrapping_sub(SHIFT.to_bits()) as i32
 }
 
 /// The paper's hash function, modulo Euclidean because cells are negative too.
@@ -283,4 +287,26 @@ fn bounds(points_m: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
         all.iter().skip(axis).step_by(3).fold(all[axis], |found, &v| choose(found, v))
     };
     (std::array::from_fn(|axis| of(axis, &least, min)), std::array::from_fn(|axis| of(axis, &most, max)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_is_the_next_integer_below_up_to_the_limits() {
+        let limit = CELL_LIMIT as f32;
+        for cell in [0, 1, 2, 3, 1_000, CELL_LIMIT / 2, CELL_LIMIT - 1] {
+            for beside in [0.0f32, 0.25, 0.5, 0.75] {
+                for v in [cell as f32 + beside, -(cell as f32 + beside)] {
+                    assert_eq!(cell_of(v, 1.0), v.floor() as i32, "{v}");
+                    assert_eq!(cell_of(0.5 * v, 2.0), v.floor() as i32, "{v}");
+                }
+            }
+        }
+        assert_eq!([-0.0, 1e-40, -1e-40].map(|v| cell_of(v, 1.0)), [0, 0, -1]);
+        for v in [limit, limit + 1.0, 1e30, f32::MAX, f32::INFINITY] {
+            assert_eq!([v, -v].map(|v| cell_of(v, 1.0)), [CELL_LIMIT, -CELL_LIMIT], "{v}");
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! Reading the spatial hash where it lies: what another process built is checked first, then read without a copy.
 
 use crate::ContactError;
-use crate::hash::{HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
+use crate::cull::most;
+use crate::hash::{CELL_LIMIT, HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
 use crate::tet::{max, min};
 
 /// A filled table, for reading where it lies.
@@ -62,11 +63,13 @@ impl<'a> HashRef<'a> {
             return bad("a point that does not exist");
         }
         let cells = header.dims.iter().fold(1u128, |n, &d| n * u128::from(d));
-        if (header.hashed == 0 && cells > u128::from(header.slots)) || header.dims.iter().any(|&d| d > 1_000_000_001) {
+        if (header.hashed == 0 && cells > u128::from(header.slots)) || header.dims.iter().any(|&d| d > 2 * CELL_LIMIT as u32 + 1)
+        {
             return bad("a box larger than the table");
         }
         let ends = |a: usize| i64::from(header.origin[a]) + i64::from(header.dims[a]);
-        if (0..3).any(|a| header.origin[a].unsigned_abs() > 500_000_000 || ends(a) > 500_000_001) {
+        let most = i64::from(CELL_LIMIT);
+        if (0..3).any(|a| i64::from(header.origin[a]).abs() > most || ends(a) > most + 1) {
             return bad("a box outside of the space of cells");
         }
         Ok(())
@@ -86,6 +89,49 @@ impl<'a> HashRef<'a> {
     pub fn is_of(&self, points_m: &[[f32; 3]]) -> bool {
         let is_there = |at: usize| points_m.get(self.ids[at] as usize).is_some_and(|point_m| *point_m == self.position(at));
         points_m.len() == self.points() && (0..self.kept()).all(is_there)
+    }
+
+    /// Cells per metre.
+    pub(crate) fn per_m(&self) -> f32 {
+        self.header.per_m
+    }
+
+    /// Puts each point that is in the table to its number.
+    #[inline(always)]
+    pub(crate) fn copy_to(&self, points_m: &mut [[f32; 3]]) {
+        for at in 0..self.kept() {
+            if let Some(point_m) = points_m.get_mut(self.ids[at] as usize) {
+                *point_m = self.position(at);
+            }
+        }
+    }
+
+    /// The largest way on any axis from where the points were, by their numbers, to where they are, m; no number if one of them was nowhere.
+    #[inline(always)]
+    pub(crate) fn farthest_m(&self, points_m: &[[f32; 3]]) -> f32 {
+        most((0..self.kept()).map(|at| self.way_m(at, points_m)))
+    }
+
+    /// The same of those that were somewhere; gives the sorted places of the others.
+    #[cold]
+    pub(crate) fn farthest_of_known_m(&self, points_m: &[[f32; 3]], others: &mut Vec<u32>) -> f32 {
+        let mut is_known = |at: &usize| {
+            let is_known = !self.way_m(*at, points_m).is_nan();
+            if !is_known {
+                others.push(*at as u32);
+            }
+            is_known
+        };
+        let known = (0..self.kept()).filter(|at| is_known(at));
+        most(known.map(|at| self.way_m(at, points_m)))
+    }
+
+    /// The longest way of a point on any axis, m.
+    #[inline(always)]
+    fn way_m(&self, at: usize, points_m: &[[f32; 3]]) -> f32 {
+        let was_m = points_m.get(self.ids[at] as usize).copied().unwrap_or([f32::NAN; 3]);
+        let is_m = self.position(at);
+        most([0, 1, 2].into_iter().map(|axis| is_m[axis] - was_m[axis]))
     }
 
     /// Lowest and highest corner of the box around the points of these sorted places; the lowest is above the highest where there are none.

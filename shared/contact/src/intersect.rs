@@ -5,13 +5,16 @@
 //! face) has one deciding tet, the lowest; a point in tets of several objects has one hit for each object.
 
 use crate::ContactError;
-use crate::cull::Cull;
+use crate::cull::{Cull, Known};
 use crate::hash::LANES;
 use crate::hash_read::HashRef;
 use crate::lanes::{Boxes, Corners, TETS, Tests};
+use crate::outcodes::{Outcodes, around};
 use crate::types::{Found, Hit, Points, Share, Tissue};
 
 /// Tests one share: of the hashed points against all tets, or of the tets against all points.
+///
+/// What `cull` remembers of the step before ([`Cull::of`]) spares a search through all tets, and changes no hit.
 ///
 /// Writes the hits to the front of `out`; [`Found::dropped`] counts those that did not fit (size `out` at two per point of the
 /// share and object). With hits dropped the list is incomplete but each entry is true.
@@ -139,36 +142,70 @@ struct Query<'a> {
 }
 
 impl Query<'_> {
-    /// Streams the tets past the points: those that come near any are gathered, and tested many at once as far as it goes, one by one past their points.
+    /// Tests the tets that points may lie in, many at once as far as it goes: those that are remembered, or all that come near any point.
     #[inline(always)]
-    fn stream(&self, cull: &mut Cull, sink: &mut Sink<'_>) {
+    fn stream(&self, Cull { outcodes, known }: &mut Cull, sink: &mut Sink<'_>) {
         if self.from == self.to {
             return;
         }
-        cull.tell(self.tissue, self.hash, (self.from, self.to));
+        // Of a share of the points it would be other points each time.
+        let is_of_all = (self.from, self.to) == (0, self.hash.kept());
+        if is_of_all && known.serves(self.bundles, self.hash, self.points, self.tissue) {
+            if let Some((boxes, reach_m)) = known.newcomers(self.hash) {
+                outcodes.tell(self.tissue, &boxes);
+                self.list(outcodes, reach_m, &mut known.tets);
+                known.sort();
+            }
+            return self.test_known(known, sink);
+        }
+        let margin_m = if is_of_all { known.renew(self.bundles, self.hash, self.points, self.tissue) } else { 0.0 };
+        outcodes.tell(self.tissue, &around((self.from, self.to), margin_m, |places| self.hash.around(places)));
+        if margin_m > 0.0 {
+            self.list(outcodes, margin_m, &mut known.tets);
+            return self.test_known(known, sink);
+        }
+        self.for_near(
+            outcodes,
+            #[inline(always)]
+            |bundle| self.test(bundle, sink),
+        );
+    }
+
+    /// Calls for the tets that come near any point, `TETS` at once.
+    #[inline(always)]
+    fn for_near(&self, outcodes: &Outcodes, mut each: impl FnMut(&Bundle)) {
         // What is left over of one bundle, and those of the next.
         let (mut near, mut count) = ([0u32; 2 * TETS], 0usize);
         let (start, step) = self.bundles;
         for (bundle, tets) in self.tissue.tets.chunks(TETS).enumerate().skip(start).step_by(step) {
             for (l, tet) in tets.iter().enumerate() {
                 near[count] = bundle.wrapping_mul(TETS).wrapping_add(l) as u32;
-                count = count.wrapping_add(usize::from(cull.is_near(tet)));
+                count = count.wrapping_add(usize::from(outcodes.is_near(tet)));
             }
             if count >= TETS {
-                self.bundle(&std::array::from_fn(|l| near[l]), sink);
+                each(&self.bundle(&near[..TETS]));
                 near.copy_within(TETS.., 0);
                 count = count.wrapping_sub(TETS);
             }
         }
         if count > 0 {
-            near[count..].fill(crate::NONE); // no tet
-            self.bundle(&std::array::from_fn(|l| near[l]), sink);
+            each(&self.bundle(&near[..count]));
         }
     }
 
-    /// Tests `TETS` tets.
+    /// Tests the tets that are remembered.
     #[inline(always)]
-    fn bundle(&self, tets: &[u32; TETS], sink: &mut Sink<'_>) {
+    fn test_known(&self, known: &Known, sink: &mut Sink<'_>) {
+        for tets in known.tets.chunks(TETS) {
+            self.test(&self.bundle(tets), sink);
+        }
+    }
+
+    /// Up to `TETS` tets, and none in the lanes that are left over.
+    #[inline(always)]
+    fn bundle(&self, some: &[u32]) -> Bundle {
+        let mut tets = [crate::NONE; TETS];
+        tets[..some.len()].copy_from_slice(some);
         let mut x: Corners = [[[0.0; TETS]; 4]; 3];
         for (l, &tet) in tets.iter().enumerate() {
             for (corner, p) in self.tissue.corners(tet).iter().enumerate() {
@@ -178,9 +215,14 @@ impl Query<'_> {
             }
         }
         let boxes = Boxes::of(&x);
+        Bundle { tets, x, boxes }
+    }
+
+    /// Calls for lanes of points of which one is in the box of a tet, before anything else is computed of that.
+    #[inline(always)]
+    fn for_meetings(&self, boxes: &Boxes, mut each: impl FnMut(&[(u32, u32)])) {
         let (first, last) = self.hash.cells(&boxes.lo, &boxes.hi);
-        // Lanes of points of which one is in the box of a tet, before anything else is computed of that.
-        let mut meetings = Meetings { known: [(0, 0); MEETINGS], count: 0 };
+        let (mut meetings, mut count) = ([(0, 0); MEETINGS], 0usize);
         for l in 0..TETS {
             let (lo, hi) = ([0, 1, 2].map(|axis| boxes.lo[axis][l]), [0, 1, 2].map(|axis| boxes.hi[axis][l]));
             // Inlined, or the lanes would lose the instruction set of the dispatch.
@@ -191,29 +233,37 @@ impl Query<'_> {
                 |from, to| {
                     let (mut at, to) = (from.max(self.from), to.min(self.to));
                     while at < to {
-                        if meetings.count == MEETINGS {
-                            self.test(tets, (&x, &boxes), &mut meetings, sink);
+                        if count == MEETINGS {
+                            each(&meetings);
+                            count = 0;
                         }
                         let lanes = to.wrapping_sub(at).min(LANES) as u32;
-                        meetings.known[meetings.count] = (at as u32, lanes << TET_BITS | l as u32);
-                        meetings.count = meetings.count.wrapping_add(usize::from(meets(self.hash.lanes(at), &lo, &hi)));
+                        meetings[count] = (at as u32, lanes << TET_BITS | l as u32);
+                        count = count.wrapping_add(usize::from(meets(self.hash.lanes(at), &lo, &hi)));
                         at = at.wrapping_add(LANES);
                     }
                 },
             );
         }
-        self.test(tets, (&x, &boxes), &mut meetings, sink);
+        if count > 0 {
+            each(&meetings[..count]);
+        }
     }
 
-    /// Tests the points that lie near the boxes of `TETS` tets.
+    /// Tests the points that lie near some tets.
     #[inline(always)]
-    fn test(&self, tets: &[u32; TETS], (x, boxes): (&Corners, &Boxes), meetings: &mut Meetings, sink: &mut Sink<'_>) {
-        let count = std::mem::take(&mut meetings.count);
-        if count == 0 {
-            return;
-        }
+    fn test(&self, bundle: &Bundle, sink: &mut Sink<'_>) {
+        self.for_meetings(
+            &bundle.boxes,
+            #[inline(always)]
+            |meetings| self.test_met(bundle, meetings, sink),
+        );
+    }
+
+    #[inline(always)]
+    fn test_met(&self, Bundle { tets, x, boxes }: &Bundle, meetings: &[(u32, u32)], sink: &mut Sink<'_>) {
         let tests = Tests::of(x, boxes);
-        for &(at, whom) in &meetings.known[..count] {
+        for &(at, whom) in meetings {
             let (at, lanes, l) = (at as usize, (whom >> TET_BITS) as usize, (whom as usize) % TETS);
             let (Some(test), Some(nodes)) = (tests.get(x, boxes, l), self.tissue.tets.get(tets[l] as usize)) else {
                 continue;
@@ -232,18 +282,58 @@ impl Query<'_> {
             }
         }
     }
+
+    /// Lists the tets that a point which may hit them lies in, or comes to when it and their nodes have come so far together, m.
+    #[inline(always)]
+    fn list(&self, outcodes: &Outcodes, margin_m: f32, listed: &mut Vec<u32>) {
+        self.for_near(
+            outcodes,
+            #[inline(always)]
+            |bundle| {
+                let mut is_near = [false; TETS];
+                self.for_meetings(
+                    &bundle.boxes.grown(margin_m),
+                    #[inline(always)]
+                    |meetings| self.mark_near(bundle, meetings, margin_m, &mut is_near),
+                );
+                listed.extend(bundle.tets.iter().zip(is_near).filter(|(_, is_near)| *is_near).map(|(tet, _)| *tet));
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn mark_near(&self, bundle: &Bundle, meetings: &[(u32, u32)], margin_m: f32, is_near: &mut [bool; TETS]) {
+        let Bundle { tets, x, boxes } = bundle;
+        let tests = Tests::of(x, boxes);
+        for &(at, whom) in meetings {
+            let (at, lanes, l) = (at as usize, (whom >> TET_BITS) as usize, (whom as usize) % TETS);
+            let Some(nodes) = self.tissue.tets.get(tets[l] as usize).filter(|_| !is_near[l]) else { continue };
+            // One that is flat now may be none then.
+            let near = tests.get(x, boxes, l).map_or([1; LANES], |test| test.near_lanes(self.hash.lanes(at), margin_m));
+            if near.iter().fold(0, |any, &is_near| any | is_near) == 0 {
+                continue;
+            }
+            let is_one = |lane: usize| {
+                let point = self.hash.id(at.wrapping_add(lane));
+                near[lane] != 0 && self.points.may_ever_hit(point, nodes, self.tissue.owner(tets[l]))
+            };
+            is_near[l] = (0..lanes).any(is_one);
+        }
+    }
 }
 
-/// Room for lanes of points that lie near some tets; more are tested in turns.
+/// Tets that are looked at together.
+struct Bundle {
+    tets: [u32; TETS],
+    x: Corners,
+    boxes: Boxes,
+}
+
+/// Room for lanes of points that lie near some tets, each the sorted place of the first, and their number above that of the tet in its bundle; more are tested in
+/// turns.
 const MEETINGS: usize = 128;
 /// Bits of a tet's number in its bundle.
 const TET_BITS: u32 = TETS.trailing_zeros();
-
-/// Lanes of points near tets: the sorted place of the first, and their number above that of the tet in its bundle.
-struct Meetings {
-    known: [(u32, u32); MEETINGS],
-    count: usize,
-}
 
 /// Whether any of the points lies in a box.
 #[inline(always)]

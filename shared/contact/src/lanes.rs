@@ -29,6 +29,13 @@ impl Boxes {
         }
         boxes
     }
+
+    /// Grown by so much on each side, m.
+    #[inline(always)]
+    pub fn grown(&self, by_m: f32) -> Boxes {
+        let all = |lanes: &[Lane; 3], by_m: f32| lanes.map(|lane| lane.map(|at| at + by_m));
+        Boxes { lo: all(&self.lo, -by_m), hi: all(&self.hi, by_m) }
+    }
 }
 
 /// Some tets made ready for testing points.

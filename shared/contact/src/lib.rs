@@ -24,6 +24,7 @@ mod hash_read;
 mod intersect;
 mod lanes;
 mod near;
+mod outcodes;
 mod penetrate;
 mod penetrate_data;
 mod planes;

@@ -114,4 +114,57 @@ impl TetTest {
         }
         inside
     }
+
+    /// For each lane 1 if the point may lie inside once it and the corners have come so far on each axis together, m, else 0. The weights in a sliver are not
+    /// exact enough to tell: then 1 for all.
+    #[inline(always)]
+    pub(crate) fn near_lanes<const L: usize>(&self, [x, y, z]: [&[f32; L]; 3], margin_m: f32) -> [u32; L] {
+        /// Of a sliver some height is a smaller share of its box than one in so many.
+        const SLIVER: f32 = 12.0;
+        /// What rounding may take from a weight in any other tet.
+        const HAIR: f32 = 0.01;
+        let [r1, r2, r3] = self.rows;
+        let gradients: [[f32; 3]; 4] = [[0, 1, 2].map(|axis| r1[axis] + r2[axis] + r3[axis]), r1, r2, r3];
+        // How much a weight falls on such a way at most.
+        let falls = gradients.map(|gradient| margin_m * (gradient[0].abs() + gradient[1].abs() + gradient[2].abs()));
+        let sides = [0, 1, 2].map(|axis| self.hi[axis] - self.lo[axis]);
+        let steepest = max(max(falls[0], falls[1]), max(falls[2], falls[3]));
+        let is_whole = steepest * max(max(sides[0], sides[1]), sides[2]) <= SLIVER * margin_m;
+        let least = falls.map(|fall| -(fall + HAIR));
+        let mut near = [0u32; L];
+        for l in 0..L {
+            let (dx, dy, dz) = (x[l] - self.x0[0], y[l] - self.x0[1], z[l] - self.x0[2]);
+            let b1 = dx * r1[0] + dy * r1[1] + dz * r1[2];
+            let b2 = dx * r2[0] + dy * r2[1] + dz * r2[2];
+            let b3 = dx * r3[0] + dy * r3[1] + dz * r3[2];
+            let b0 = 1.0 - (b1 + b2 + b3);
+            near[l] = u32::from(!is_whole | ((b0 >= least[0]) & (b1 >= least[1]) & (b2 >= least[2]) & (b3 >= least[3])));
+        }
+        near
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_is_what_may_come_in_on_such_a_way_and_of_a_sliver_everything() {
+        let near = |corners: &[[f32; 3]; 4], points: [[f32; 3]; 4]| {
+            let axis = |axis: usize| points.map(|point| point[axis]);
+            TetTest::new(corners).unwrap().near_lanes([&axis(0), &axis(1), &axis(2)], 0.1)
+        };
+        let corner = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let beside = |x: f32| [x, 0.3, 0.3];
+        assert_eq!(near(&corner, [beside(0.1), beside(-0.1), beside(-0.12), [f32::NAN; 3]]), [1, 1, 0, 0]);
+        // The slope is met by a way on all three axes.
+        assert_eq!(near(&corner, [0.43, 0.435, 0.44, 0.5].map(|at| [at; 3])), [1, 1, 0, 0]);
+        assert_eq!(
+            near(&[corner[1], corner[0], corner[2], corner[3]], [-0.1, -0.12, 0.1, 0.2].map(beside)),
+            [1, 0, 1, 1],
+            "inverted"
+        );
+        let needle = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1e-2, 0.0], [0.0, 0.0, 1e-2]];
+        assert_eq!(near(&needle, [beside(0.5), [0.5, 9.0, 0.0], [-9.0; 3], [9.0; 3]]), [1; 4]);
+    }
 }

@@ -106,12 +106,8 @@ pub struct OwnContact<'a> {
 }
 
 impl OwnContact<'_> {
-    /// Whether a node may meet a place in a tet, given by the weights of its corners.
-    fn may_meet(&self, node: u32, tet: &[u32; 4], weights: &[f32; 4]) -> bool {
-        // Most points of tissue lie in the tets that they are corners of.
-        if tet.contains(&node) {
-            return false;
-        }
+    /// Whether a place in a tet, given by the weights of its corners, was far enough from a node at rest that they may meet.
+    fn is_far(&self, node: u32, tet: &[u32; 4], weights: &[f32; 4]) -> bool {
         let rest = |node: u32| self.rest_m.get(node as usize).copied().unwrap_or([f32::NAN; 3]);
         let corners = tet.map(rest);
         let away = |axis: usize| {
@@ -138,10 +134,21 @@ impl Points<'_> {
     /// Whether a point may hit a tet that it lies in, at the place of some weights.
     #[inline(always)]
     pub fn may_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32, weights: &[f32; 4]) -> bool {
+        // Most points of tissue lie in the tets that they are corners of, and hit none of them.
+        if !self.may_ever_hit(point, tet, tet_owner) {
+            return false;
+        }
+        let is_far = |own: &OwnContact<'_>| self.node_of(point).is_some_and(|node| own.is_far(node, tet, weights));
+        self.owner.get(point as usize) != Some(&tet_owner) || self.own.as_ref().is_some_and(is_far)
+    }
+
+    /// Whether a point may hit a tet at any place in it.
+    #[inline(always)]
+    pub(crate) fn may_ever_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32) -> bool {
         match (self.owner.get(point as usize), &self.own) {
             (None, _) => false,
             (Some(&owner), own) if owner != tet_owner => own.is_none_or(|own| point < own.only_from),
-            (Some(_), Some(own)) => self.node_of(point).is_some_and(|node| own.may_meet(node, tet, weights)),
+            (Some(_), Some(_)) => self.node_of(point).is_some_and(|node| !tet.contains(&node)),
             (Some(_), None) => false,
         }
     }

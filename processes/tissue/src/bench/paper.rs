@@ -1,8 +1,8 @@
 //! The three scenes of the framework's paper (Tuchschmid et al. 2006, table 2), each with what it is to reach.
 
 use super::press::{INTERSECTION, Press};
-use super::{RUN_NS, THREADS, US, beside_peer, complete, cuts, median_ns, speedup, with_many_points};
-use hyst_engine::bench::{quantile_ns, spread, target};
+use super::{Make, RUN_NS, THREADS, US, beside_peer, complete, cuts, speedup, time_ns, with_many_points};
+use hyst_engine::bench::{quantile_ns, spread, target, usual_ns};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
 use serde_json::{Value, json};
@@ -28,6 +28,12 @@ const LEAST_SPEEDUP: f64 = 0.9;
 const MANY_CORES: usize = 16;
 const SEVERAL: usize = 4;
 const LEAST_OF_SEVERAL: f64 = 3.8;
+
+/// A test: the key of its speed-ups, what it is called, and how a run of it is made.
+type Test = (&'static str, &'static str, Make);
+/// That of the station, and one that remembers nothing: the paper's.
+const TESTS: [Test; 2] =
+    [("speedup", "the test", Press::new), ("speedup_of_search", "a search through all tets", Press::searching)];
 
 /// Where the scenes are: under the folder that the benchmark is called in, or beside the target folder of its build.
 fn folder() -> Option<PathBuf> {
@@ -70,7 +76,7 @@ pub fn steps() -> Result<Vec<Value>, String> {
 }
 
 /// The test of 1 000 points in each scene: how often on one core (the paper's R) beside its peer, and how many times as often on two (its Γ), of which the largest
-/// scene's is judged.
+/// scene's is judged; the latter also of a search through all tets.
 pub fn intersections() -> Result<Vec<Value>, String> {
     let (mut rows, mut targets) = (Vec::new(), Vec::new());
     for (aim, scene) in scenes()? {
@@ -78,19 +84,21 @@ pub fn intersections() -> Result<Vec<Value>, String> {
         let mut press = Press::new(&scene, Isa::detect(), 1)?;
         let record = press.run(RUN_NS)?;
         let mut tests_ns = record.steps_ns(|phase| phase <= INTERSECTION);
-        let test_ns = quantile_ns(&mut tests_ns, 0.5);
+        let test_ns = usual_ns(&mut tests_ns);
         let mut row = json!({ "method": "the paper's scene", "test_us": spread(&mut tests_ns, US), "test_hz": 1e9 / test_ns });
         complete(&mut row, &scene, &press, &record, |phase| phase <= INTERSECTION);
         let (tets, ratio) = (press.tets(), beside_peer(&mut row, &press, test_ns)?);
         targets.push(target(&format!("test of 1 000 points against {tets} tets, Hz"), 1e9 / test_ns, aim.test_hz, true));
         targets.push(target(&format!("parry's BVH over that test, {tets} tets"), ratio, super::LEAST_RATIO, true));
-        row["speedup"] = speedup(&scene, |phase| phase == INTERSECTION)?;
-        if aim.file == AIMS[AIMS.len() - 1].file {
-            let of = |key: &str| row["speedup"][key].as_f64().unwrap_or(f64::NAN);
-            let share = of("2") / of("2_independent_copies");
-            let name = format!("speed-up of the test on 2 threads over 2 independent copies, {tets} tets");
-            targets.push(target(&name, share, LEAST_SPEEDUP, true));
-            targets.extend(on_several(&scene, &mut row)?);
+        for (key, what, make) in TESTS {
+            row[key] = speedup(&scene, make, |phase| phase == INTERSECTION)?;
+            if aim.file == AIMS[AIMS.len() - 1].file {
+                let of = |times: &str| row[key][times].as_f64().unwrap_or(f64::NAN);
+                let share = of("2") / of("2_independent_copies");
+                let name = format!("speed-up of {what} on 2 threads over 2 independent copies, {tets} tets");
+                targets.push(target(&name, share, LEAST_SPEEDUP, true));
+                targets.extend(on_several(&scene, &mut row, (key, what, make))?);
+            }
         }
         rows.push(row);
     }
@@ -98,14 +106,14 @@ pub fn intersections() -> Result<Vec<Value>, String> {
     Ok(rows)
 }
 
-/// What several threads bring to the test of a scene, in its row and as a target; nothing on a machine of fewer than [`MANY_CORES`].
-fn on_several(scene: &LoadedScene, row: &mut Value) -> Result<Option<Value>, String> {
+/// What several threads bring to a test of a scene, in its row and as a target; nothing on a machine of fewer than [`MANY_CORES`].
+fn on_several(scene: &LoadedScene, row: &mut Value, (key, what, make): Test) -> Result<Option<Value>, String> {
     if std::thread::available_parallelism().map_or(1, usize::from) < MANY_CORES {
         return Ok(None);
     }
     let is_test = |phase: usize| phase == INTERSECTION;
-    let times = median_ns(scene, 1, is_test)? / median_ns(scene, SEVERAL, is_test)?;
-    row["speedup"][SEVERAL.to_string()] = json!(times);
-    let name = format!("speed-up of the test on {SEVERAL} threads of a machine of {MANY_CORES} cores or more");
+    let times = time_ns(scene, make, 1, is_test)? / time_ns(scene, make, SEVERAL, is_test)?;
+    row[key][SEVERAL.to_string()] = json!(times);
+    let name = format!("speed-up of {what} on {SEVERAL} threads of a machine of {MANY_CORES} cores or more");
     Ok(Some(target(&name, times, LEAST_OF_SEVERAL, true)))
 }

@@ -32,6 +32,8 @@ struct Shared {
     world: World,
     input: RwLock<Input>,
     shares: Vec<Mutex<(Vec<Hit>, usize, Cull)>>,
+    /// Whether each share remembers from step to step which tets are near points, as in the station.
+    remembers: bool,
 }
 
 struct Input {
@@ -47,6 +49,7 @@ impl SharedWork for Shared {
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
         let (points, tissue) =
             (self.world.points.view(&self.world.body.rest.positions_m), contacts::tissue(&self.world, &input.positions_m));
+        let cull = if self.remembers { cull.of(self.world.version) } else { cull };
         let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, cull, hits));
         *found = tested.map_or(0, |found| found.count);
     }
@@ -115,6 +118,12 @@ impl Press {
         Press::with(scene, isa, threads, Otherwise::default())
     }
 
+    /// The same with a test that looks for the tets near points among all of them in each step.
+    pub fn searching(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
+        let (_, world) = Workshop::open(scene, isa).map_err(text)?;
+        Press::made(world, scene, threads, (Otherwise::default(), false))
+    }
+
     /// The same with what is not as in the station.
     pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
         let (_, world) = Workshop::open_other(scene, isa, otherwise).map_err(text)?;
@@ -123,16 +132,28 @@ impl Press {
 
     /// The same of a world that was made of a scene so, whatever has been cut of it.
     pub fn of(world: World, scene: &LoadedScene, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
+        Press::made(world, scene, threads, (otherwise, true))
+    }
+
+    fn made(
+        world: World,
+        scene: &LoadedScene,
+        threads: usize,
+        (otherwise, remembers): (Otherwise, bool),
+    ) -> Result<Press, String> {
         let Otherwise { finer, stiffer, .. } = otherwise;
-        let (points, nodes) = (world.points.len(), world.model.node_count());
+        let (points, nodes, tets) = (world.points.len(), world.model.node_count(), world.model.tets().len());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
         let sizes = world.points.table_sizes();
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
         let shared = Arc::new(Shared {
             input: RwLock::new(input),
-            shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0, Cull::for_nodes(nodes)))).collect(),
+            shares: (0..threads)
+                .map(|_| Mutex::new((vec![Hit::default(); room], 0, Cull::remembering(nodes, tets, points))))
+                .collect(),
             world,
+            remembers,
         });
         let mut press = Press {
             last: Pose::default(),
@@ -350,5 +371,27 @@ impl Laps<'_> {
         self.record.phases_ns[self.phase].push(now_ns - self.last_ns);
         self.phase += 1;
         self.last_ns = now_ns;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_remembered_of_the_step_before_changes_no_bit_of_a_press() {
+        let scene = crate::world::load_scene(None).unwrap();
+        let open = |make: fn(&LoadedScene, Isa, usize) -> Result<Press, String>| make(&scene, Isa::detect(), 2).unwrap();
+        let [mut remembering, mut searching] = [open(Press::new), open(Press::searching)];
+        let [mut record, mut other] = [(); 2].map(|()| Record::default());
+        for tick in 0..1_500 {
+            remembering.tick(tick, &mut record).unwrap();
+            searching.tick(tick, &mut other).unwrap();
+            assert_eq!(record.force_n.map(f32::to_bits), other.force_n.map(f32::to_bits), "tick {tick}");
+        }
+        assert!(remembering.positions_m() == searching.positions_m() && record.contacts > 50, "{} contacts", record.contacts);
+        let searches = |press: &Press| press.shared.shares.iter().map(|share| share.lock().2.searches()).max();
+        let (made, none) = (searches(&remembering), searches(&searching));
+        assert!(made.is_some_and(|made| (20..500).contains(&made)) && none == Some(0), "{made:?} searches, {none:?}");
     }
 }

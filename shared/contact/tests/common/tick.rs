@@ -63,7 +63,7 @@ impl Tick {
             wrenches: [Wrench::default()],
             found: 0,
             words: vec![0; HashSizes::for_points(n).words()],
-            cull: Cull::for_nodes(nodes),
+            cull: Cull::remembering(nodes, tets.len(), n),
             part: vec![Hit::default(); 2 * n],
             hits: vec![Hit::default(); 2 * n],
             memory: vec![Memory::default(); n],
@@ -105,7 +105,7 @@ impl Tick {
     fn test(&mut self) {
         let (points, tissue) = (self.body.points(), self.body.tissue());
         let hash = HashRef::in_words(&self.words).unwrap();
-        let found = intersect(Share::ALL, &hash, &points, &tissue, &mut self.cull, &mut self.part).unwrap();
+        let found = intersect(Share::ALL, &hash, &points, &tissue, self.cull.of(1), &mut self.part).unwrap();
         self.found = merge(&[&self.part[..found.count]], &tissue, &mut self.hits).count;
     }
 
