@@ -233,8 +233,8 @@ impl Collision {
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
-        let hash = HashRef::in_own_words(&self.own_hash).map_err(broken)?;
-        let (count, mut done, was_shared, begun_ns) = (self.shares.len(), 0u32, job.loan.is_some(), job.begun_ns);
+        let (hash, count) = (HashRef::in_own_words(&self.own_hash).map_err(broken)?, self.shares.len());
+        let (mut done, was_shared, begun_ns) = (0u32, job.loan.is_some(), job.begun_ns);
         if let Some(mut loan) = job.loan {
             self.lies.tell_message(life, Outlet::Job, loan.bytes_mut());
             loan.send()?;
@@ -242,8 +242,7 @@ impl Collision {
             let resting = self.coordinator.resting();
             let outcome = release(&mut self.coordinator, life, group);
             let job_hash = job_hash(bytemuck::cast_slice(points_m));
-            self.parts = self.parts.wrapping_add(1);
-            let (looked_at, number) = (self.parts as usize % count, self.parts / count as u32);
+            let (looked_at, number) = next_part(&mut self.parts, count);
             for index in members(outcome.joined) {
                 let worker = self.coordinator.incarnation_at(index);
                 let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?) else { continue };
@@ -277,8 +276,8 @@ impl Collision {
         }
         for index in (0..count).filter(|index| done & (1 << index) == 0) {
             let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-            let cull = self.culls[index].of(world.version);
-            let found = intersect(share, &hash, points, &tissue, cull, &mut self.shares[index]).map_err(broken)?;
+            let (cull, hits) = (self.culls[index].of(world.version), &mut self.shares[index]);
+            let found = intersect(share, &hash, points, &tissue, cull, hits).map_err(broken)?;
             self.counts[index] = found.count;
             self.dropped = self.dropped.saturating_add(found.dropped as u32);
         }
@@ -298,6 +297,12 @@ impl Collision {
     pub fn hits(&self) -> &[Hit] {
         &self.hits[..self.found]
     }
+}
+
+/// Which share a part is computed of beside its worker in this step, and the part's number in it.
+fn next_part(parts: &mut u32, shares: usize) -> (usize, u32) {
+    *parts = parts.wrapping_add(1);
+    (*parts as usize % shares, *parts / shares as u32)
 }
 
 /// Bytes of a job's sections: points, hash, owner and node of each point; from which point on they meet their own object alone, and from which distance at

@@ -3,8 +3,9 @@
 //! where there are thousands.
 //!
 //! Promise: the hits are those of a search through all tets, to the last bit. A point that lies in a tet now is a mean of its corners; the same mean of where
-//! these were is in the tet of that time, and as far from where the point was as both have come at most. For points that were nowhere, as nodes of folds are until they
-//! are pressed far, tets are looked for and added. For a node that is or was nowhere, another tissue, other points, another share all are looked for anew.
+//! these were is in the tet of that time, and as far from where the point was as both have come at most. What rounding makes of that is allowed for: in a
+//! tet that it could put a point in from farther nothing is ever found. For points that were nowhere, as nodes of folds are until they are pressed far, tets
+//! are looked for and added. For a node that is or was nowhere, another tissue, other points, another share all are looked for anew.
 
 use crate::hash_read::HashRef;
 use crate::outcodes::{Around, Outcodes, around};
@@ -46,7 +47,8 @@ impl Cull {
             owner: Vec::with_capacity(points),
             node: Vec::with_capacity(points),
             newcomers: Vec::with_capacity(points),
-            tets: Vec::with_capacity(tets),
+            // Twice, for those that are added may be there already.
+            tets: Vec::with_capacity(2 * tets),
             ..Known::default()
         };
         Cull { known, ..Cull::for_nodes(nodes) }
@@ -80,6 +82,8 @@ pub(crate) struct Known {
     node: Vec<u32>,
     /// From which point on they meet their own object alone, if any meets its own.
     only_from: Option<u32>,
+    /// Cells per metre of the table.
+    per_m: f32,
     /// What the list is made for, m; 0 if there is none.
     margin_m: f32,
     /// Steps since what was where is known, and how far nodes and points have come since then, m.
@@ -110,6 +114,7 @@ impl Known {
         let are_same = self.bundles == bundles
             && self.positions_m.len() == tissue.positions_m.len()
             && self.points_m.len() == hash.points()
+            && self.per_m == hash.per_m()
             && self.only_from == only_from(points)
             && self.owner == points.owner
             && self.node == points.node;
@@ -129,10 +134,10 @@ impl Known {
         is_near && self.age <= MOST_STEPS && self.newcomers.len() <= hash.kept() / NEWCOMERS
     }
 
-    /// Takes in the newcomers, if there are any; gives boxes around them, grown by as much as a list for them is to reach, m, and that. What has been used up of the
-    /// list comes on top, for its way is measured from where all was before they came.
+    /// Takes in the newcomers, if there are any; gives boxes around them, grown by as much as a list for them is to reach, m, and that. What has been used up of
+    /// the list comes on top, for its way is measured from where all was before they came.
     #[inline(always)]
-    pub fn newcomers(&mut self, hash: &HashRef<'_>) -> Option<(Around, f32)> {
+    pub fn take_newcomers(&mut self, hash: &HashRef<'_>) -> Option<(Around, f32)> {
         if self.newcomers.is_empty() {
             return None;
         }
@@ -170,12 +175,13 @@ impl Known {
         self.searches = self.searches.wrapping_add(1);
         let (cell_m, each_m) = (1.0 / hash.per_m(), self.moved_m / self.age.max(1) as f32);
         let most_m = MOST * cell_m;
-        // For less than two steps a list costs more than it saves. False too where that is no number: a point that was nowhere.
+        // For less than two steps a list costs more than it saves. False too where that is no number: a node that is or was nowhere.
         let serves_for_some = 2.0 * each_m <= USABLE * most_m;
         let margin_m = max(min(STEPS * each_m, most_m), LEAST * cell_m);
-        let is_exact = margin_m >= ROUNDING * reach_m(tissue.positions_m);
+        let is_exact = margin_m >= ROUNDING * largest_m(tissue.positions_m);
         self.margin_m = if serves_for_some && is_exact { margin_m } else { 0.0 };
-        (self.bundles, self.only_from, self.age, self.moved_m) = (bundles, only_from(points), 0, 0.0);
+        (self.bundles, self.per_m, self.only_from) = (bundles, hash.per_m(), only_from(points));
+        (self.age, self.moved_m) = (0, 0.0);
         copy(&mut self.positions_m, tissue.positions_m);
         copy(&mut self.owner, points.owner);
         copy(&mut self.node, points.node);
@@ -204,7 +210,7 @@ fn farthest_m(from_m: &[[f32; 3]], to_m: &[[f32; 3]]) -> f32 {
 
 /// The largest coordinate of some places, m; no number if any is none.
 #[inline(always)]
-fn reach_m(places_m: &[[f32; 3]]) -> f32 {
+fn largest_m(places_m: &[[f32; 3]]) -> f32 {
     most(places_m.as_flattened().iter().copied())
 }
 
@@ -212,4 +218,35 @@ fn reach_m(places_m: &[[f32; 3]]) -> f32 {
 #[inline(always)]
 pub(crate) fn most(numbers: impl Iterator<Item = f32>) -> f32 {
     f32::from_bits(numbers.fold(0, |most, number| most.max(number.abs().to_bits())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::{HEADER_WORDS, HashMut, HashSizes, Layout};
+    use crate::intersect::intersect;
+    use crate::types::{Hit, Share, Split};
+
+    #[test]
+    fn a_damaged_table_spoils_no_step_after_it() {
+        let positions_m = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let tissue = Tissue { positions_m: &positions_m, tets: &[[0, 1, 2, 3]], tet_owner: &[0] };
+        let points = Points { owner: &[1], node: &[], own: None };
+        let sizes = HashSizes::for_points(1);
+        let mut words = vec![0; sizes.words()];
+        HashMut::in_words(&mut words, sizes).unwrap().build(&[[0.2; 3]], 0.003, Layout::Auto).unwrap();
+        let mut out = [Hit::default(); 4];
+        let mut found = |cull: &mut Cull, words: &[u32]| {
+            let share = Share { split: Split::Tets, ..Share::ALL };
+            let hash = HashRef::in_own_words(words).unwrap();
+            intersect(share, &hash, &points, &tissue, cull.of(1), &mut out).unwrap().count
+        };
+        const PER_M: usize = 6;
+        for bit in 0..32 {
+            let (mut cull, mut damaged) = (Cull::default(), words.clone());
+            damaged[PER_M] ^= 1 << bit;
+            assert!(PER_M < HEADER_WORDS && found(&mut cull, &damaged) <= 1);
+            assert_eq!(found(&mut cull, &words), 1, "bit {bit}");
+        }
+    }
 }

@@ -90,7 +90,7 @@ pub(crate) fn hash_cell(cell: [i32; 3], slots: u32) -> usize {
 }
 
 /// Points of which the slots are found at once.
-const POINTS: usize = 16;
+pub(crate) const POINTS: usize = 16;
 
 impl Header {
     /// The slot of a cell inside the occupied box, where slots belong to cells by position.
@@ -101,9 +101,9 @@ impl Header {
         row.wrapping_mul(self.dims[0]).wrapping_add(i)
     }
 
-    /// The slots of some points; [`OUT`] for one that is not finite, and beyond the last.
+    /// The cells of some points along each axis, and 1 for each that is finite, else 0.
     #[inline(always)]
-    fn slots_of(&self, points_m: &[[f32; 3]; POINTS]) -> [u32; POINTS] {
+    pub(crate) fn cells_of(&self, points_m: &[[f32; 3]; POINTS]) -> ([[i32; POINTS]; 3], [u32; POINTS]) {
         let mut x = [[0f32; POINTS]; 3];
         for (l, point_m) in points_m.iter().enumerate() {
             for (axis, x) in x.iter_mut().enumerate() {
@@ -118,6 +118,12 @@ impl Header {
                 is_finite[l] &= u32::from(x[l].abs() < f32::INFINITY);
             }
         }
+        (cells, is_finite)
+    }
+
+    /// The slots of some points by their cells; [`OUT`] for one that is not finite, and beyond the last.
+    #[inline(always)]
+    pub(crate) fn slots_of(&self, cells: &[[i32; POINTS]; 3], is_finite: &[u32; POINTS]) -> [u32; POINTS] {
         let mut slots = [OUT; POINTS];
         if self.hashed == 0 {
             for l in 0..POINTS {
@@ -130,6 +136,18 @@ impl Header {
             }
         }
         slots
+    }
+
+    /// Whether all of some cells are in the occupied box.
+    #[inline(always)]
+    pub(crate) fn has_all(&self, cells: &[[i32; POINTS]; 3]) -> bool {
+        let mut has = true;
+        for (cells, (origin, &dim)) in cells.iter().zip(self.origin.iter().zip(&self.dims)) {
+            for cell in cells {
+                has &= (cell.wrapping_sub(*origin) as u32) < dim;
+            }
+        }
+        has
     }
 }
 
@@ -207,7 +225,8 @@ impl<'a> HashMut<'a> {
         let (chunks, rest) = points_m.as_chunks::<POINTS>();
         last[..rest.len()].copy_from_slice(rest);
         for (points_m, slots) in chunks.iter().chain([&last]).zip(self.slot_of.chunks_mut(POINTS)) {
-            for (slot, found) in slots.iter_mut().zip(header.slots_of(points_m)) {
+            let (cells, is_finite) = header.cells_of(points_m);
+            for (slot, found) in slots.iter_mut().zip(header.slots_of(&cells, &is_finite)) {
                 *slot = found;
                 if found != OUT {
                     starts[found as usize] = starts[found as usize].wrapping_add(1);
@@ -308,5 +327,6 @@ mod tests {
         for v in [limit, limit + 1.0, 1e30, f32::MAX, f32::INFINITY] {
             assert_eq!([v, -v].map(|v| cell_of(v, 1.0)), [CELL_LIMIT, -CELL_LIMIT], "{v}");
         }
+        assert_eq!(cell_of(f32::NAN, 1.0), CELL_LIMIT);
     }
 }

@@ -2,8 +2,20 @@
 
 use crate::ContactError;
 use crate::cull::most;
-use crate::hash::{CELL_LIMIT, HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
+use crate::hash::{CELL_LIMIT, HEADER_WORDS, HashSizes, Header, LANES, MAGIC, POINTS, cell_of, hash_cell};
 use crate::tet::{max, min};
+
+/// Whether all points are in their slots, to be asked with each instruction set.
+struct InSlots<'a, 't>(&'t HashRef<'a>);
+
+impl pulp::WithSimd for InSlots<'_, '_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
+        self.0.are_in_slots()
+    }
+}
 
 /// A filled table, for reading where it lies.
 #[derive(Debug, Clone, Copy)]
@@ -85,10 +97,31 @@ impl<'a> HashRef<'a> {
         self.header.kept as usize
     }
 
-    /// Whether it is the table of these points: each that it has is where that one is.
+    /// Whether it is the table of these points: each that it has is where that one is, and in the slot of its cell.
     pub fn is_of(&self, points_m: &[[f32; 3]]) -> bool {
         let is_there = |at: usize| points_m.get(self.ids[at] as usize).is_some_and(|point_m| *point_m == self.position(at));
-        points_m.len() == self.points() && (0..self.kept()).all(is_there)
+        let are_there = points_m.len() == self.points() && (0..self.kept()).all(is_there);
+        are_there && pulp::Arch::new().dispatch(InSlots(self))
+    }
+
+    /// Whether each point lies in the occupied box, and in the slot of its cell.
+    #[inline(always)]
+    fn are_in_slots(&self) -> bool {
+        let mut are_in = true;
+        for from in (0..self.kept()).step_by(POINTS) {
+            let some = POINTS.min(self.kept().wrapping_sub(from));
+            let mut points_m = [self.position(from); POINTS];
+            for (l, point_m) in points_m.iter_mut().enumerate().take(some) {
+                *point_m = self.position(from.wrapping_add(l));
+            }
+            let (cells, is_finite) = self.header.cells_of(&points_m);
+            are_in &= self.header.has_all(&cells);
+            for (at, slot) in (from..).zip(self.header.slots_of(&cells, &is_finite)).take(some) {
+                let run = self.starts.get(slot as usize).zip(self.starts.get((slot as usize).wrapping_add(1)));
+                are_in &= run.is_some_and(|(first, end)| (*first as usize..*end as usize).contains(&at));
+            }
+        }
+        are_in
     }
 
     /// Cells per metre.
@@ -258,6 +291,13 @@ mod tests {
             let moved: Vec<[f32; 3]> = points_m.iter().map(|[x, y, z]| [*x, *y, z + 0.1]).collect();
             let is_of = |points_m: &[[f32; 3]]| HashRef::in_words(&words).unwrap().is_of(points_m);
             assert!(is_of(&points_m) && !is_of(&moved) && !is_of(&points_m[1..]) && !is_of(&[]));
+            // What leaves every point where it is, and hides it or its neighbours: a cell of another size, a box or a slot that it is not in.
+            for word in [6, 7, 8, 9, 10, 11, 12, HEADER_WORDS + 1] {
+                let mut damaged = words.clone();
+                damaged[word] = if word == 6 { 0.5f32.to_bits() } else { damaged[word] ^ 1 };
+                let is_taken = HashRef::in_words(&damaged).is_ok_and(|table| table.is_of(&points_m));
+                assert!(!is_taken || damaged == words, "word {word}, {layout:?}");
+            }
             words[HEADER_WORDS + 1] = u32::MAX;
             assert!(HashRef::in_words(&words).is_err(), "what another process wrote is looked at");
             assert!(HashRef::in_own_words(&words[..sizes.words() - 1]).is_err());

@@ -151,7 +151,7 @@ impl Query<'_> {
         // Of a share of the points it would be other points each time.
         let is_of_all = (self.from, self.to) == (0, self.hash.kept());
         if is_of_all && known.serves(self.bundles, self.hash, self.points, self.tissue) {
-            if let Some((boxes, reach_m)) = known.newcomers(self.hash) {
+            if let Some((boxes, reach_m)) = known.take_newcomers(self.hash) {
                 outcodes.tell(self.tissue, &boxes);
                 self.list(outcodes, reach_m, &mut known.tets);
                 known.sort();
@@ -329,8 +329,8 @@ struct Bundle {
     boxes: Boxes,
 }
 
-/// Room for lanes of points that lie near some tets, each the sorted place of the first, and their number above that of the tet in its bundle; more are tested in
-/// turns.
+/// Room for lanes of points that lie near some tets, each the sorted place of the first, and their number above that of the tet in its bundle; more are tested
+/// in turns.
 const MEETINGS: usize = 128;
 /// Bits of a tet's number in its bundle.
 const TET_BITS: u32 = TETS.trailing_zeros();

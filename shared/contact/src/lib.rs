@@ -13,7 +13,8 @@
 //!    with [`find_gaps`] for the wall that the tool is about to meet.
 //!
 //! Papers: Teschner et al., VMV 2003 (spatial hashing, barycentric test); Heidelberger et al., VMV 2004 (consistent penetration
-//! depth); Hunt and Crossley 1975 (damping that starts at zero); Möller and Trumbore 1997 (segment against triangle).
+//! depth); Hunt and Crossley 1975 (damping that starts at zero); Möller and Trumbore 1997 (segment against triangle);
+//! Verlet 1967 (neighbour list); Newman and Sproull 1973 (outcodes, of Cohen and Sutherland).
 
 mod brute;
 mod cull;

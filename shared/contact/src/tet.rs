@@ -4,8 +4,11 @@
 //! lanes give the same bits on every instruction set. A point counts only inside the tet's own box too: rounding in a sliver
 //! can then never accept a point that a search by box would not have looked at.
 
-/// Tets whose volume is below this fraction of the cube of their box's longest edge are flat: rounding alone makes that much.
-pub(crate) const FLAT: f32 = 1.0e-7;
+/// Tets of which six times the volume is below this fraction of the cube of their box's longest edge are flat: there rounding takes more than [`HAIR`] from a
+/// weight, and so would put points in them that are beside them.
+pub(crate) const FLAT: f32 = 1.0e-4;
+/// What rounding may take from a weight in a tet that is not flat.
+const HAIR: f32 = 0.01;
 
 /// A tet made ready for testing points.
 #[derive(Debug, Clone, Copy)]
@@ -121,8 +124,6 @@ impl TetTest {
     pub(crate) fn near_lanes<const L: usize>(&self, [x, y, z]: [&[f32; L]; 3], margin_m: f32) -> [u32; L] {
         /// Of a sliver some height is a smaller share of its box than one in so many.
         const SLIVER: f32 = 12.0;
-        /// What rounding may take from a weight in any other tet.
-        const HAIR: f32 = 0.01;
         let [r1, r2, r3] = self.rows;
         let gradients: [[f32; 3]; 4] = [[0, 1, 2].map(|axis| r1[axis] + r2[axis] + r3[axis]), r1, r2, r3];
         // How much a weight falls on such a way at most.
@@ -130,7 +131,8 @@ impl TetTest {
         let sides = [0, 1, 2].map(|axis| self.hi[axis] - self.lo[axis]);
         let steepest = max(max(falls[0], falls[1]), max(falls[2], falls[3]));
         let is_whole = steepest * max(max(sides[0], sides[1]), sides[2]) <= SLIVER * margin_m;
-        let least = falls.map(|fall| -(fall + HAIR));
+        // Once for the weight now, and once for the one then.
+        let least = falls.map(|fall| -(fall + 2.0 * HAIR));
         let mut near = [0u32; L];
         for l in 0..L {
             let (dx, dy, dz) = (x[l] - self.x0[0], y[l] - self.x0[1], z[l] - self.x0[2]);
@@ -156,15 +158,15 @@ mod tests {
         };
         let corner = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let beside = |x: f32| [x, 0.3, 0.3];
-        assert_eq!(near(&corner, [beside(0.1), beside(-0.1), beside(-0.12), [f32::NAN; 3]]), [1, 1, 0, 0]);
+        assert_eq!(near(&corner, [beside(0.1), beside(-0.1), beside(-0.13), [f32::NAN; 3]]), [1, 1, 0, 0]);
         // The slope is met by a way on all three axes.
-        assert_eq!(near(&corner, [0.43, 0.435, 0.44, 0.5].map(|at| [at; 3])), [1, 1, 0, 0]);
+        assert_eq!(near(&corner, [0.43, 0.435, 0.445, 0.5].map(|at| [at; 3])), [1, 1, 0, 0]);
         assert_eq!(
-            near(&[corner[1], corner[0], corner[2], corner[3]], [-0.1, -0.12, 0.1, 0.2].map(beside)),
+            near(&[corner[1], corner[0], corner[2], corner[3]], [-0.1, -0.13, 0.1, 0.2].map(beside)),
             [1, 0, 1, 1],
             "inverted"
         );
-        let needle = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1e-2, 0.0], [0.0, 0.0, 1e-2]];
+        let needle = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2e-2, 0.0], [0.0, 0.0, 2e-2]];
         assert_eq!(near(&needle, [beside(0.5), [0.5, 9.0, 0.0], [-9.0; 3], [9.0; 3]]), [1; 4]);
     }
 }

@@ -24,6 +24,7 @@ struct Scene {
     owner: Vec<u32>,
     node: Vec<u32>,
     tool: usize,
+    only_from: u32,
     topology: u32,
 }
 
@@ -45,6 +46,7 @@ impl Scene {
             owner: tool.iter().map(|_| TOOL).chain((0..count).map(of_node)).collect(),
             node: tool.iter().map(|_| NONE).chain(0..count as u32).collect(),
             points_m: tool.iter().chain(&positions_m).copied().collect(),
+            only_from: (tool.len() + count) as u32 - 20,
             tool: tool.len(),
             positions_m,
             tets,
@@ -58,8 +60,13 @@ impl Scene {
     }
 
     fn points(&self) -> Points<'_> {
-        let own = OwnContact { rest_m: &self.rest_m, beyond_m: CELL_M, only_from: self.points_m.len() as u32 - 20 };
+        let own = OwnContact { rest_m: &self.rest_m, beyond_m: CELL_M, only_from: self.only_from };
         Points { owner: &self.owner, node: &self.node, own: Some(own) }
+    }
+
+    /// Moves everything so far along all axes, m.
+    fn move_all(&mut self, way_m: f32) {
+        self.positions_m.iter_mut().chain(&mut self.points_m).flatten().for_each(|place| *place += way_m);
     }
 
     /// Moves each node and each point of the tool by up to so much on each axis, m.
@@ -91,20 +98,21 @@ impl Random {
     }
 }
 
-/// A row of shares that remember.
-struct Searches(Vec<Cull>);
+/// A row of shares that remember, of points in a table of this layout.
+struct Searches(Vec<Cull>, Layout);
 
 impl Searches {
     fn of(shares: u32) -> Searches {
-        Searches((0..shares).map(|_| Cull::remembering(128, 512, 256)).collect())
+        Searches((0..shares).map(|_| Cull::remembering(128, 512, 256)).collect(), Layout::Auto)
     }
 
     /// The hits by all of them.
     fn hits(&mut self, points_m: &[[f32; 3]], points: &Points, tissue: &Tissue, (cell_m, topology): (f32, u32)) -> Vec<Hit> {
         let sizes = HashSizes::for_points(points_m.len());
         let mut words = vec![0u32; sizes.words()];
-        HashMut::in_words(&mut words, sizes).unwrap().build(points_m, cell_m, Layout::Auto).unwrap();
+        HashMut::in_words(&mut words, sizes).unwrap().build(points_m, cell_m, self.1).unwrap();
         let hash = HashRef::in_words(&words).unwrap();
+        assert!(hash.is_of(points_m));
         let count = self.0.len() as u32;
         let parts: Vec<Vec<Hit>> = (0..)
             .zip(&mut self.0)
@@ -161,6 +169,7 @@ fn happen(scene: &mut Scene, random: &mut Random) {
             scene.topology += 1;
         }
         8 => scene.owner[random.below(nodes)] = 1,
+        10 => scene.only_from = random.below(scene.points_m.len()) as u32,
         9 => scene.node.rotate_right(1),
         _ => {}
     }
@@ -171,15 +180,20 @@ proptest! {
 
     /// Everything moves at some speed, which changes, and now and then something happens.
     #[test]
-    fn a_scene_that_moves_is_brute_force_in_each_step(seed in any::<u64>(), shares in 1u32..4, happens in any::<bool>()) {
+    fn a_scene_that_moves_is_brute_force_in_each_step(
+        seed in any::<u64>(), shares in 1u32..4, happens in any::<bool>(), is_hashed in any::<bool>(),
+        far_m in prop_oneof![Just(0.0f32), Just(0.1), Just(50.0)],
+    ) {
         let (mut scene, mut searches, mut random) = (Scene::new(), Searches::of(shares), Random(seed));
+        scene.move_all(far_m);
+        searches.1 = if is_hashed { Layout::Hashed } else { Layout::Auto };
         let (mut most_m, mut sound) = (0.0, (Vec::new(), Vec::new()));
         for step in 0..60 {
             if step % 12 == 0 {
                 most_m = CELL_M * [0.0, 1e-4, 1e-3, 5e-3, 2e-2, 8e-2][random.below(6)];
             }
             scene.move_by(most_m, &mut random);
-            if scene.positions_m.iter().chain(&scene.points_m).flatten().all(|place| place.abs() < 1.0) {
+            if scene.positions_m.iter().chain(&scene.points_m).flatten().all(|place| place.abs() < 60.0) {
                 sound = (scene.positions_m.clone(), scene.points_m.clone());
             } else if random.below(2) == 0 {
                 // What was nowhere comes back.
@@ -193,8 +207,8 @@ proptest! {
         }
     }
 
-    /// Tets of any shape, inverted and flat ones among them, whose corners and points go as far as a list reaches, or nearly, or a little farther. Few points, and
-    /// many; those of a rigid object, and nodes, of which all was far away at rest.
+    /// Tets of any shape, inverted and flat ones among them, whose corners and points go as far as a list reaches, or nearly, or a little farther. Few points,
+    /// and many; those of a rigid object, and nodes, of which all was far away at rest.
     #[test]
     fn tets_of_any_shape_are_brute_force_when_they_move(
         nodes in prop::collection::vec(prop::array::uniform3((-4i32..5).prop_map(|at| at as f32 * 0.25)), 4..24),
@@ -304,8 +318,8 @@ fn a_point_that_was_nowhere_is_added_with_the_way_that_tissue_may_come_back() {
     let (tet_owner, owner) = (vec![0; tets.len()], vec![TOOL; 17]);
     let points = Points { owner: &owner, node: &[], own: None };
     let mut searches = Searches::of(1);
-    // The first list is made for 0.02. The tissue goes down by nearly all of that; a point comes, farther above it than a list reaches; the tissue comes back, and it
-    // comes in.
+    // The first list is made for 0.02. The tissue goes down by nearly all of that; a point comes, farther above it than a list reaches; the tissue comes back,
+    // and it comes in.
     for (down_m, height_m, is_met) in [(0.0, f32::NAN, false), (0.018, 2.015, false), (0.0, 1.9995, true), (0.0, 1.9995, true)] {
         let positions_m: Vec<[f32; 3]> = rest_m.iter().map(|[x, y, z]| [*x, *y, z - down_m]).collect();
         let tissue = Tissue { positions_m: &positions_m, tets: &tets, tet_owner: &tet_owner };
@@ -316,4 +330,63 @@ fn a_point_that_was_nowhere_is_added_with_the_way_that_tissue_may_come_back() {
         assert_eq!(found.iter().any(|hit| hit.point == 16), is_met, "at {height_m}");
     }
     assert_eq!(searches.searches(), 2, "one for all, and one for the newcomer");
+}
+
+#[test]
+fn another_share_of_the_tets_is_another_search() {
+    let scene = Scene::new();
+    let sizes = HashSizes::for_points(scene.points_m.len());
+    let mut words = vec![0u32; sizes.words()];
+    HashMut::in_words(&mut words, sizes).unwrap().build(&scene.points_m, CELL_M, Layout::Auto).unwrap();
+    let hash = HashRef::in_words(&words).unwrap();
+    let (mut cull, all) = (Cull::default(), brute(&scene.points_m, &scene.points(), &scene.tissue()));
+    for (searches, (index, count)) in (1..).zip([(0, 2), (1, 2), (0, 3), (2, 3), (0, 1), (1, 2)]) {
+        let mut out = vec![Hit::default(); 4096];
+        let share = Share { index, count, split: Split::Tets };
+        for _ in 0..2 {
+            let found = intersect(share, &hash, &scene.points(), &scene.tissue(), cull.of(1), &mut out).unwrap();
+            let is_of_share = |hit: &&Hit| hit.tet / 16 % count == index;
+            let told: Vec<&Hit> = out[..found.count].iter().filter(|hit| all.contains(hit)).collect();
+            assert!(all.iter().filter(is_of_share).all(|hit| told.contains(&hit)), "share {index} of {count}");
+            assert_eq!(cull.searches(), searches);
+        }
+    }
+}
+
+/// A tet that was whole is nearly flat now, and the point beside it: where single precision would put it in, nothing is found with or without a list.
+#[test]
+fn rounding_puts_no_point_in_a_tet_that_became_nearly_flat() {
+    let then = [
+        [0.877_908_4, 0.886_385_74, 1.190_755_5],
+        [0.403_785_83, 0.024_466_589, 0.452_391_86],
+        [0.892_671_2, -0.531_280_94, 0.730_202_44],
+        [-0.010_578_439, 0.340_070_07, 1.746_864_6],
+    ];
+    let now = [
+        [0.677_908_4, 1.086_385_7, 0.990_755_44],
+        [0.603_785_8, -0.175_533_41, 0.652_391_85],
+        [0.692_671_24, -0.331_280_95, 0.530_202_45],
+        [-0.210_578_44, 0.540_070_06, 1.546_864_5],
+    ];
+    let points = Points { owner: &[TOOL], node: &[], own: None };
+    let mut searches = Searches::of(1);
+    // Two steps as fast as that, so that a list is made for as far as one is made at most.
+    let before = then.map(|corner: [f32; 3]| corner.map(|at| at - 0.1));
+    let steps = [
+        (before, [-0.15, 0.75, 1.5]),
+        (then, [-0.135_243_62, 0.758_282_8, 1.501_442]),
+        (now, [-0.100_243_62, 0.793_282_8, 1.536_442]),
+    ];
+    for (positions_m, point_m) in steps {
+        let tissue = Tissue { positions_m: &positions_m, tets: &[[0, 1, 2, 3]], tet_owner: &[0] };
+        let found = searches.hits(&[point_m], &points, &tissue, (1.0, 0));
+        assert_eq!(words(&found), words(&brute(&[point_m], &points, &tissue)));
+    }
+    let corners = now.map(glam_of);
+    let volume = (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(corners[3] - corners[0]);
+    assert!(volume.abs() < 1e-4 && TetTest::new(&now).is_none(), "{volume}");
+}
+
+fn glam_of(place: [f32; 3]) -> glam::DVec3 {
+    glam::DVec3::from_array(place.map(f64::from))
 }

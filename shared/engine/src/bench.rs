@@ -102,10 +102,10 @@ pub fn quantile_ns(samples_ns: &mut [u64], share: f64) -> f64 {
     samples_ns.get(index.saturating_sub(1)).map_or(0.0, |sample| *sample as f64)
 }
 
-/// The mean of all but the slowest hundredth, ns: of steps that are not alike, without what the machine did meanwhile.
+/// The mean of all but the slowest thousandth, ns: of steps that are not alike, without what the machine did meanwhile.
 pub fn usual_ns(samples_ns: &mut [u64]) -> f64 {
     samples_ns.sort_unstable();
-    let usual = &samples_ns[..samples_ns.len() - samples_ns.len() / 100];
+    let usual = &samples_ns[..samples_ns.len() - samples_ns.len() / 1_000];
     usual.iter().sum::<u64>() as f64 / usual.len().max(1) as f64
 }
 
@@ -150,7 +150,7 @@ mod tests {
         let mut samples: Vec<u64> = (1..=100).rev().collect();
         assert_eq!(spread(&mut samples, 10.0), json!({ "p50": 5.0, "p99": 9.9, "p999": 10.0, "max": 10.0 }));
         assert_eq!(quantile_ns(&mut [], 0.5), 0.0);
-        let mut samples_ns: Vec<u64> = (0..200).map(|at| if at < 2 { 1_000_000 } else { at % 2 * 20 }).collect();
+        let mut samples_ns: Vec<u64> = (0..2_000).map(|at| if at < 2 { 1_000_000 } else { at % 2 * 20 }).collect();
         assert_eq!((usual_ns(&mut samples_ns), usual_ns(&mut [7]), usual_ns(&mut [])), (10.0, 7.0, 0.0));
     }
 

@@ -2,7 +2,7 @@
 
 use super::press::{INTERSECTION, Press};
 use super::{Make, RUN_NS, THREADS, US, beside_peer, complete, cuts, speedup, time_ns, with_many_points};
-use hyst_engine::bench::{quantile_ns, spread, target, usual_ns};
+use hyst_engine::bench::{spread, target, usual_ns};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
 use serde_json::{Value, json};
@@ -63,7 +63,7 @@ pub fn steps() -> Result<Vec<Value>, String> {
         let record = press.run(RUN_NS)?;
         let mut row = json!({ "method": format!("the paper's scene, {THREADS} threads"), "substeps": record.substeps });
         complete(&mut row, &scene, &press, &record, |_| true);
-        let step_ms = quantile_ns(&mut record.steps_ns(|_| true), 0.5) / 1e6;
+        let step_ms = usual_ns(&mut record.steps_ns(|_| true)) / 1e6;
         let name = format!("step of {} tets with {THREADS} threads, ms", press.tets());
         targets.push(target(&name, step_ms, aim.step_ms, false));
         let (cut, of_cuts) = cuts(&scene, &PLACES, aim.step_ms)?;
@@ -75,8 +75,8 @@ pub fn steps() -> Result<Vec<Value>, String> {
     Ok(rows)
 }
 
-/// The test of 1 000 points in each scene: how often on one core (the paper's R) beside its peer, and how many times as often on two (its Γ), of which the largest
-/// scene's is judged; the latter also of a search through all tets.
+/// The test of 1 000 points in each scene: how often on one core (the paper's R) beside its peer, and how many times as often on two (its Γ), of which the
+/// largest scene's is judged; the latter also of a search through all tets.
 pub fn intersections() -> Result<Vec<Value>, String> {
     let (mut rows, mut targets) = (Vec::new(), Vec::new());
     for (aim, scene) in scenes()? {
@@ -87,7 +87,7 @@ pub fn intersections() -> Result<Vec<Value>, String> {
         let test_ns = usual_ns(&mut tests_ns);
         let mut row = json!({ "method": "the paper's scene", "test_us": spread(&mut tests_ns, US), "test_hz": 1e9 / test_ns });
         complete(&mut row, &scene, &press, &record, |phase| phase <= INTERSECTION);
-        let (tets, ratio) = (press.tets(), beside_peer(&mut row, &press, test_ns)?);
+        let (tets, ratio) = (press.tets(), beside_peer(&mut row, &scene, test_ns)?);
         targets.push(target(&format!("test of 1 000 points against {tets} tets, Hz"), 1e9 / test_ns, aim.test_hz, true));
         targets.push(target(&format!("parry's BVH over that test, {tets} tets"), ratio, super::LEAST_RATIO, true));
         for (key, what, make) in TESTS {

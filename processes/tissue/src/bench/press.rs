@@ -5,7 +5,9 @@ use crate::contacts::{self, Contacts, ToolMotion};
 use crate::through::Passage;
 use crate::tool::Stand;
 use crate::world::{Otherwise, Workshop, World};
-use hyst_contact::{Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
+use hyst_contact::{
+    Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Points, Share, Split, Tissue, intersect, intersect_brute, merge,
+};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
 use hyst_messages::Pose;
@@ -207,6 +209,11 @@ impl Press {
 
     /// One period of the hand from where the tissue is, or as much of it as fits into the time.
     pub fn run(&mut self, budget_ns: u64) -> Result<Record, String> {
+        self.run_beside(budget_ns, |_| Ok(()))
+    }
+
+    /// The same with something else after each step, which takes its time from the same.
+    pub fn run_beside(&mut self, budget_ns: u64, mut each: impl FnMut(&Press) -> Result<(), String>) -> Result<Record, String> {
         let period_s = self.hand.as_ref().map_or(1.0, |hand| hand.period_s);
         let steps = ((period_s / f64::from(DT_S)).ceil() as usize).clamp(1, MAX_STEPS);
         let mut record = Record::default();
@@ -216,6 +223,7 @@ impl Press {
         let begun_ns = system::now_ns();
         for tick in 0..steps {
             self.tick(tick, &mut record)?;
+            each(self)?;
             if system::now_ns() - begun_ns > budget_ns {
                 break;
             }
@@ -330,12 +338,17 @@ impl Press {
         Ok(least_ns)
     }
 
-    /// What a peer takes for the same test, where the tissue is now, ns: refit, and query.
-    pub fn parry_ns(&self) -> Result<[u64; 2], String> {
+    /// Tissue and points as they were tested last, but for the tissue's way since then.
+    pub fn tested<T>(&self, look: impl FnOnce(&Tissue<'_>, &Points<'_>, &[[f32; 3]]) -> T) -> T {
         let world = &self.shared.world;
         let input = self.shared.input.read();
         let (tissue, points) = (contacts::tissue(world, &input.positions_m), world.points.view(&world.body.rest.positions_m));
-        super::peer::parry_ns(&tissue, &points, &self.points_m)
+        look(&tissue, &points, &self.points_m)
+    }
+
+    /// Mean edge of the tets, m.
+    pub fn edge_m(&self) -> f32 {
+        self.shared.world.case.edge_m
     }
 
     /// Reading the corners of every tet once, ns: the fastest of a few. No method that looks at all tets takes less.
@@ -375,23 +388,4 @@ impl Laps<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_remembered_of_the_step_before_changes_no_bit_of_a_press() {
-        let scene = crate::world::load_scene(None).unwrap();
-        let open = |make: fn(&LoadedScene, Isa, usize) -> Result<Press, String>| make(&scene, Isa::detect(), 2).unwrap();
-        let [mut remembering, mut searching] = [open(Press::new), open(Press::searching)];
-        let [mut record, mut other] = [(); 2].map(|()| Record::default());
-        for tick in 0..1_500 {
-            remembering.tick(tick, &mut record).unwrap();
-            searching.tick(tick, &mut other).unwrap();
-            assert_eq!(record.force_n.map(f32::to_bits), other.force_n.map(f32::to_bits), "tick {tick}");
-        }
-        assert!(remembering.positions_m() == searching.positions_m() && record.contacts > 50, "{} contacts", record.contacts);
-        let searches = |press: &Press| press.shared.shares.iter().map(|share| share.lock().2.searches()).max();
-        let (made, none) = (searches(&remembering), searches(&searching));
-        assert!(made.is_some_and(|made| (20..500).contains(&made)) && none == Some(0), "{made:?} searches, {none:?}");
-    }
-}
+mod tests;
