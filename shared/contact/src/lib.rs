@@ -6,7 +6,7 @@
 //!
 //! The order of one tick:
 //! 1. [`HashMut::build`] hashes the points (the coordinator, in place in shared words),
-//! 2. [`intersect`] tests one [`Share`] (each worker), [`merge`] joins the shares,
+//! 2. [`intersect`] tests one [`Share`] (each worker, with what its [`Cull`] remembers of the step before), [`merge`] joins the shares,
 //! 3. [`penetration`] gives each hit point a depth and a way out; [`sweep`] and [`first_crossing`] find those that a fast step has brought past a thin part,
 //! 4. [`respond`] turns that into forces on nodes, equal and opposite on the rigid tool,
 //! 5. [`planes`] condenses the tool's contacts to at most [`MAX_PLANES`] planes for the haptic servo,
