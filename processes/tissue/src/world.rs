@@ -136,12 +136,14 @@ pub struct Otherwise {
     pub stiffer: f32,
     /// Most substeps of a step that are tried first: with fewer more mass is added.
     pub first_substeps: u32,
+    /// Whether the test of the points looks for the tets near them among all in each step.
+    pub searches: bool,
 }
 
 impl Default for Otherwise {
     /// As in the station.
     fn default() -> Otherwise {
-        Otherwise { finer: 1, stiffer: 1.0, first_substeps: model::MAX_SUBSTEPS[0] }
+        Otherwise { finer: 1, stiffer: 1.0, first_substeps: model::MAX_SUBSTEPS[0], searches: false }
     }
 }
 
@@ -179,7 +181,7 @@ impl Workshop {
 
     /// The same with what is not as in the station.
     pub fn open_other(scene: &LoadedScene, isa: Isa, otherwise: Otherwise) -> Result<(Workshop, World), Failure> {
-        let Otherwise { finer, stiffer, first_substeps } = otherwise;
+        let Otherwise { finer, stiffer, first_substeps, .. } = otherwise;
         // The lists of a world, some megabytes, are made anew in each cut, and those of the one before are freed.
         allocation::keep_what_is_freed();
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();

@@ -9,7 +9,7 @@
 
 use crate::hash_read::HashRef;
 use crate::outcodes::{Around, Outcodes, around};
-use crate::tet::{max, min};
+use crate::tet::{max, min, most};
 use crate::types::{Points, Tissue};
 
 /// For how many steps a list is made, if all goes on as fast as before.
@@ -212,12 +212,6 @@ fn farthest_m(from_m: &[[f32; 3]], to_m: &[[f32; 3]]) -> f32 {
 #[inline(always)]
 fn largest_m(places_m: &[[f32; 3]]) -> f32 {
     most(places_m.as_flattened().iter().copied())
-}
-
-/// The largest of some numbers without their signs: then their bits are in their order, and those of no number above all of them.
-#[inline(always)]
-pub(crate) fn most(numbers: impl Iterator<Item = f32>) -> f32 {
-    f32::from_bits(numbers.fold(0, |most, number| most.max(number.abs().to_bits())))
 }
 
 #[cfg(test)]

@@ -1,9 +1,8 @@
 //! Reading the spatial hash where it lies: what another process built is checked first, then read without a copy.
 
 use crate::ContactError;
-use crate::cull::most;
 use crate::hash::{CELL_LIMIT, HEADER_WORDS, HashSizes, Header, LANES, MAGIC, POINTS, cell_of, hash_cell};
-use crate::tet::{max, min};
+use crate::tet::{max, min, most};
 
 /// Whether all points are in their slots, to be asked with each instruction set.
 struct InSlots<'a, 't>(&'t HashRef<'a>);
@@ -148,15 +147,14 @@ impl<'a> HashRef<'a> {
     /// The same of those that were somewhere; gives the sorted places of the others.
     #[cold]
     pub(crate) fn farthest_of_known_m(&self, points_m: &[[f32; 3]], others: &mut Vec<u32>) -> f32 {
-        let mut is_known = |at: &usize| {
-            let is_known = !self.way_m(*at, points_m).is_nan();
-            if !is_known {
-                others.push(*at as u32);
+        let of_known = |at: usize| {
+            let way_m = self.way_m(at, points_m);
+            if way_m.is_nan() {
+                others.push(at as u32);
             }
-            is_known
+            (!way_m.is_nan()).then_some(way_m)
         };
-        let known = (0..self.kept()).filter(|at| is_known(at));
-        most(known.map(|at| self.way_m(at, points_m)))
+        most((0..self.kept()).filter_map(of_known))
     }
 
     /// The longest way of a point on any axis, m.

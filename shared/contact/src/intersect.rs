@@ -220,9 +220,9 @@ impl Query<'_> {
 
     /// Calls for lanes of points of which one is in the box of a tet, before anything else is computed of that.
     #[inline(always)]
-    fn for_meetings(&self, boxes: &Boxes, mut each: impl FnMut(&[(u32, u32)])) {
+    fn for_meetings(&self, boxes: &Boxes, mut each: impl FnMut(&[Meeting])) {
         let (first, last) = self.hash.cells(&boxes.lo, &boxes.hi);
-        let (mut meetings, mut count) = ([(0, 0); MEETINGS], 0usize);
+        let (mut meetings, mut count) = ([Meeting::default(); MEETINGS], 0usize);
         for l in 0..TETS {
             let (lo, hi) = ([0, 1, 2].map(|axis| boxes.lo[axis][l]), [0, 1, 2].map(|axis| boxes.hi[axis][l]));
             // Inlined, or the lanes would lose the instruction set of the dispatch.
@@ -237,8 +237,7 @@ impl Query<'_> {
                             each(&meetings);
                             count = 0;
                         }
-                        let lanes = to.wrapping_sub(at).min(LANES) as u32;
-                        meetings[count] = (at as u32, lanes << TET_BITS | l as u32);
+                        meetings[count] = Meeting::of(at, to.wrapping_sub(at).min(LANES), l);
                         count = count.wrapping_add(usize::from(meets(self.hash.lanes(at), &lo, &hi)));
                         at = at.wrapping_add(LANES);
                     }
@@ -261,10 +260,9 @@ impl Query<'_> {
     }
 
     #[inline(always)]
-    fn test_met(&self, Bundle { tets, x, boxes }: &Bundle, meetings: &[(u32, u32)], sink: &mut Sink<'_>) {
+    fn test_met(&self, Bundle { tets, x, boxes }: &Bundle, meetings: &[Meeting], sink: &mut Sink<'_>) {
         let tests = Tests::of(x, boxes);
-        for &(at, whom) in meetings {
-            let (at, lanes, l) = (at as usize, (whom >> TET_BITS) as usize, (whom as usize) % TETS);
+        for (at, lanes, l) in meetings.iter().map(Meeting::parts) {
             let (Some(test), Some(nodes)) = (tests.get(x, boxes, l), self.tissue.tets.get(tets[l] as usize)) else {
                 continue;
             };
@@ -302,11 +300,10 @@ impl Query<'_> {
     }
 
     #[inline(always)]
-    fn mark_near(&self, bundle: &Bundle, meetings: &[(u32, u32)], margin_m: f32, is_near: &mut [bool; TETS]) {
+    fn mark_near(&self, bundle: &Bundle, meetings: &[Meeting], margin_m: f32, is_near: &mut [bool; TETS]) {
         let Bundle { tets, x, boxes } = bundle;
         let tests = Tests::of(x, boxes);
-        for &(at, whom) in meetings {
-            let (at, lanes, l) = (at as usize, (whom >> TET_BITS) as usize, (whom as usize) % TETS);
+        for (at, lanes, l) in meetings.iter().map(Meeting::parts) {
             let Some(nodes) = self.tissue.tets.get(tets[l] as usize).filter(|_| !is_near[l]) else { continue };
             // One that is flat now may be none then.
             let near = tests.get(x, boxes, l).map_or([1; LANES], |test| test.near_lanes(self.hash.lanes(at), margin_m));
@@ -329,11 +326,27 @@ struct Bundle {
     boxes: Boxes,
 }
 
-/// Room for lanes of points that lie near some tets, each the sorted place of the first, and their number above that of the tet in its bundle; more are tested
-/// in turns.
+/// Room for lanes of points that lie near some tets; more are tested in turns.
 const MEETINGS: usize = 128;
 /// Bits of a tet's number in its bundle.
 const TET_BITS: u32 = TETS.trailing_zeros();
+
+/// Lanes of points near a tet: the sorted place of the first, and their number above that of the tet in its bundle.
+#[derive(Clone, Copy, Default)]
+struct Meeting(u32, u32);
+
+impl Meeting {
+    #[inline(always)]
+    fn of(at: usize, lanes: usize, l: usize) -> Meeting {
+        Meeting(at as u32, (lanes as u32) << TET_BITS | l as u32)
+    }
+
+    /// The sorted place of the first point, how many they are, and the tet's number in its bundle.
+    #[inline(always)]
+    fn parts(&self) -> (usize, usize, usize) {
+        (self.0 as usize, (self.1 >> TET_BITS) as usize, (self.1 as usize) % TETS)
+    }
+}
 
 /// Whether any of the points lies in a box.
 #[inline(always)]

@@ -33,6 +33,12 @@ pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The largest of some numbers without their signs: then their bits are in their order, and those of no number above all of them.
+#[inline(always)]
+pub(crate) fn most(numbers: impl Iterator<Item = f32>) -> f32 {
+    f32::from_bits(numbers.fold(0, |most, number| most.max(number.abs().to_bits())))
+}
+
 #[inline(always)]
 fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
@@ -99,13 +105,8 @@ impl TetTest {
     #[inline(always)]
     pub(crate) fn inside_lanes<const L: usize>(&self, x: &[f32; L], y: &[f32; L], z: &[f32; L]) -> [u32; L] {
         let mut inside = [0u32; L];
-        let [r1, r2, r3] = self.rows;
         for l in 0..L {
-            let (dx, dy, dz) = (x[l] - self.x0[0], y[l] - self.x0[1], z[l] - self.x0[2]);
-            let b1 = dx * r1[0] + dy * r1[1] + dz * r1[2];
-            let b2 = dx * r2[0] + dy * r2[1] + dz * r2[2];
-            let b3 = dx * r3[0] + dy * r3[1] + dz * r3[2];
-            let b0 = 1.0 - (b1 + b2 + b3);
+            let [b0, b1, b2, b3] = self.weights_at([x[l], y[l], z[l]]);
             let weighed = (b0 >= 0.0) & (b1 >= 0.0) & (b2 >= 0.0) & (b3 >= 0.0);
             let boxed = (x[l] >= self.lo[0])
                 & (x[l] <= self.hi[0])
@@ -135,11 +136,7 @@ impl TetTest {
         let least = falls.map(|fall| -(fall + 2.0 * HAIR));
         let mut near = [0u32; L];
         for l in 0..L {
-            let (dx, dy, dz) = (x[l] - self.x0[0], y[l] - self.x0[1], z[l] - self.x0[2]);
-            let b1 = dx * r1[0] + dy * r1[1] + dz * r1[2];
-            let b2 = dx * r2[0] + dy * r2[1] + dz * r2[2];
-            let b3 = dx * r3[0] + dy * r3[1] + dz * r3[2];
-            let b0 = 1.0 - (b1 + b2 + b3);
+            let [b0, b1, b2, b3] = self.weights_at([x[l], y[l], z[l]]);
             near[l] = u32::from(!is_whole | ((b0 >= least[0]) & (b1 >= least[1]) & (b2 >= least[2]) & (b3 >= least[3])));
         }
         near

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{TOOL, block, brute, capsule};
+use common::{TOOL, block, brute, capsule, hits_by, table};
 use hyst_contact::*;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -108,28 +108,8 @@ impl Searches {
 
     /// The hits by all of them.
     fn hits(&mut self, points_m: &[[f32; 3]], points: &Points, tissue: &Tissue, (cell_m, topology): (f32, u32)) -> Vec<Hit> {
-        let sizes = HashSizes::for_points(points_m.len());
-        let mut words = vec![0u32; sizes.words()];
-        HashMut::in_words(&mut words, sizes).unwrap().build(points_m, cell_m, self.1).unwrap();
-        let hash = HashRef::in_words(&words).unwrap();
-        assert!(hash.is_of(points_m));
-        let count = self.0.len() as u32;
-        let parts: Vec<Vec<Hit>> = (0..)
-            .zip(&mut self.0)
-            .map(|(index, cull)| {
-                let mut out = vec![Hit::default(); 6 * points_m.len() + 64];
-                let share = Share { index, count, split: Split::Tets };
-                let found = intersect(share, &hash, points, tissue, cull.of(topology), &mut out).unwrap();
-                assert_eq!(found.dropped, 0);
-                out.truncate(found.count);
-                out
-            })
-            .collect();
-        let parts: Vec<&[Hit]> = parts.iter().map(Vec::as_slice).collect();
-        let mut out = vec![Hit::default(); 6 * points_m.len() + 64];
-        let found = merge(&parts, tissue, &mut out);
-        out.truncate(found.count);
-        out
+        let culls = self.0.iter_mut().map(|cull| cull.of(topology));
+        hits_by(points_m, points, tissue, (cell_m, self.1), Split::Tets, culls)
     }
 
     fn hits_of(&mut self, scene: &Scene) -> Vec<Hit> {
@@ -169,8 +149,8 @@ fn happen(scene: &mut Scene, random: &mut Random) {
             scene.topology += 1;
         }
         8 => scene.owner[random.below(nodes)] = 1,
-        10 => scene.only_from = random.below(scene.points_m.len()) as u32,
         9 => scene.node.rotate_right(1),
+        10 => scene.only_from = random.below(scene.points_m.len()) as u32,
         _ => {}
     }
 }
@@ -272,9 +252,7 @@ fn tets_are_looked_for_the_more_rarely_the_slower_all_moves() {
 #[test]
 fn who_is_told_no_number_of_a_topology_remembers_nothing() {
     let scene = Scene::new();
-    let sizes = HashSizes::for_points(scene.points_m.len());
-    let mut words = vec![0u32; sizes.words()];
-    HashMut::in_words(&mut words, sizes).unwrap().build(&scene.points_m, CELL_M, Layout::Auto).unwrap();
+    let words = table(&scene.points_m, CELL_M, Layout::Auto);
     let hash = HashRef::in_words(&words).unwrap();
     let (mut cull, mut out) = (Cull::for_nodes(128), vec![Hit::default(); 4096]);
     for split in [Split::Tets, Split::Points] {
@@ -335,9 +313,7 @@ fn a_point_that_was_nowhere_is_added_with_the_way_that_tissue_may_come_back() {
 #[test]
 fn another_share_of_the_tets_is_another_search() {
     let scene = Scene::new();
-    let sizes = HashSizes::for_points(scene.points_m.len());
-    let mut words = vec![0u32; sizes.words()];
-    HashMut::in_words(&mut words, sizes).unwrap().build(&scene.points_m, CELL_M, Layout::Auto).unwrap();
+    let words = table(&scene.points_m, CELL_M, Layout::Auto);
     let hash = HashRef::in_words(&words).unwrap();
     let (mut cull, all) = (Cull::default(), brute(&scene.points_m, &scene.points(), &scene.tissue()));
     for (searches, (index, count)) in (1..).zip([(0, 2), (1, 2), (0, 3), (2, 3), (0, 1), (1, 2)]) {
@@ -358,7 +334,7 @@ fn another_share_of_the_tets_is_another_search() {
 fn rounding_puts_no_point_in_a_tet_that_became_nearly_flat() {
     let then = [
         [0.877_908_4, 0.886_385_74, 1.190_755_5],
-        [0.403_785_83, 0.024_466_589, 0.452_391_86],
+        [0.403_785_83, 0.024_466_59, 0.452_391_86],
         [0.892_671_2, -0.531_280_94, 0.730_202_44],
         [-0.010_578_439, 0.340_070_07, 1.746_864_6],
     ];
@@ -382,11 +358,7 @@ fn rounding_puts_no_point_in_a_tet_that_became_nearly_flat() {
         let found = searches.hits(&[point_m], &points, &tissue, (1.0, 0));
         assert_eq!(words(&found), words(&brute(&[point_m], &points, &tissue)));
     }
-    let corners = now.map(glam_of);
+    let corners = now.map(|corner| glam::DVec3::from_array(corner.map(f64::from)));
     let volume = (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(corners[3] - corners[0]);
     assert!(volume.abs() < 1e-4 && TetTest::new(&now).is_none(), "{volume}");
-}
-
-fn glam_of(place: [f32; 3]) -> glam::DVec3 {
-    glam::DVec3::from_array(place.map(f64::from))
 }

@@ -74,7 +74,10 @@ fn a_tissue_is_swapped_between_the_strokes_of_a_hand_that_cuts_and_nothing_that_
     // On a machine that stalls one of them misses steps, or both lose other ticks than each other, so that it is blamed; a flaw is one in each.
     assert!(is_swapped || blamed.len() < TRIES, "{blamed:#?}\n{}", station.said());
     if !is_swapped {
-        not_shown(&format!("a swap of a tissue that cuts: in {TRIES} tries the newcomer got no time"));
+        not_shown(&format!(
+            "a swap of a tissue that cuts: of {TRIES} newcomers {} were blamed, and the others got no time",
+            blamed.len()
+        ));
     }
     let (code, record, said) = swap(&station, "tissue", &bad_engine(station.folder(), "tissue", "segfault"));
     let is_own = ["died", "hung", "missed"].iter().any(|cause| record["cause"] == *cause);

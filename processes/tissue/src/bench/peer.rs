@@ -100,7 +100,7 @@ impl Peer {
     pub fn step(&mut self, tissue: &Tissue<'_>, points: &Points<'_>, points_m: &[[f32; 3]]) -> Result<(), String> {
         let [inside, other] = self.kinds.each_mut().map(|kind| kind.step(tissue, points, points_m));
         self.steps += 1;
-        let expected = if self.steps % ASKED_EVERY == 0 { brute(tissue, points, points_m)? } else { inside };
+        let expected = if self.steps.is_multiple_of(ASKED_EVERY) { brute(tissue, points, points_m)? } else { inside };
         if inside == expected && other == expected {
             Ok(())
         } else {

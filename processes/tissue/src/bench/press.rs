@@ -34,8 +34,8 @@ struct Shared {
     world: World,
     input: RwLock<Input>,
     shares: Vec<Mutex<(Vec<Hit>, usize, Cull)>>,
-    /// Whether each share remembers from step to step which tets are near points, as in the station.
-    remembers: bool,
+    /// Whether each share looks for the tets near points among all of them in each step, and does not remember them as in the station.
+    searches: bool,
 }
 
 struct Input {
@@ -51,7 +51,7 @@ impl SharedWork for Shared {
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
         let (points, tissue) =
             (self.world.points.view(&self.world.body.rest.positions_m), contacts::tissue(&self.world, &input.positions_m));
-        let cull = if self.remembers { cull.of(self.world.version) } else { cull };
+        let cull = if self.searches { cull } else { cull.of(self.world.version) };
         let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, cull, hits));
         *found = tested.map_or(0, |found| found.count);
     }
@@ -122,8 +122,7 @@ impl Press {
 
     /// The same with a test that looks for the tets near points among all of them in each step.
     pub fn searching(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        let (_, world) = Workshop::open(scene, isa).map_err(text)?;
-        Press::made(world, scene, threads, (Otherwise::default(), false))
+        Press::with(scene, isa, threads, Otherwise { searches: true, ..Otherwise::default() })
     }
 
     /// The same with what is not as in the station.
@@ -134,16 +133,7 @@ impl Press {
 
     /// The same of a world that was made of a scene so, whatever has been cut of it.
     pub fn of(world: World, scene: &LoadedScene, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
-        Press::made(world, scene, threads, (otherwise, true))
-    }
-
-    fn made(
-        world: World,
-        scene: &LoadedScene,
-        threads: usize,
-        (otherwise, remembers): (Otherwise, bool),
-    ) -> Result<Press, String> {
-        let Otherwise { finer, stiffer, .. } = otherwise;
+        let Otherwise { finer, stiffer, searches, .. } = otherwise;
         let (points, nodes, tets) = (world.points.len(), world.model.node_count(), world.model.tets().len());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
@@ -155,7 +145,7 @@ impl Press {
                 .map(|_| Mutex::new((vec![Hit::default(); room], 0, Cull::remembering(nodes, tets, points))))
                 .collect(),
             world,
-            remembers,
+            searches,
         });
         let mut press = Press {
             last: Pose::default(),

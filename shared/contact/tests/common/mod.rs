@@ -73,6 +73,14 @@ pub fn capsule(tip_m: [f32; 3], radius_m: f32, length_m: f32, rings: usize, arou
     tool
 }
 
+/// The words of a table of some points.
+pub fn table(points_m: &[[f32; 3]], cell_m: f32, layout: Layout) -> Vec<u32> {
+    let sizes = HashSizes::for_points(points_m.len());
+    let mut words = vec![7u32; sizes.words()];
+    HashMut::in_words(&mut words, sizes).unwrap().build(points_m, cell_m, layout).unwrap();
+    words
+}
+
 /// Hashes and tests with a number of workers, and joins the shares.
 pub fn hits_split(
     points_m: &[[f32; 3]],
@@ -81,18 +89,31 @@ pub fn hits_split(
     (cell_m, layout): (f32, Layout),
     (count, split): (u32, Split),
 ) -> Vec<Hit> {
-    let sizes = HashSizes::for_points(points_m.len());
-    let mut words = vec![7u32; sizes.words()];
-    let mut table = HashMut::in_words(&mut words, sizes).unwrap();
-    table.build(points_m, cell_m, layout).unwrap();
+    let mut culls: Vec<Cull> = (0..count).map(|_| Cull::default()).collect();
+    hits_by(points_m, points, tissue, (cell_m, layout), split, culls.iter_mut())
+}
+
+/// The same with one worker for each of what they remember.
+pub fn hits_by<'a>(
+    points_m: &[[f32; 3]],
+    points: &Points,
+    tissue: &Tissue,
+    (cell_m, layout): (f32, Layout),
+    split: Split,
+    culls: impl ExactSizeIterator<Item = &'a mut Cull>,
+) -> Vec<Hit> {
+    let words = table(points_m, cell_m, layout);
     let hash = HashRef::in_words(&words).unwrap();
+    assert!(hash.is_of(points_m));
+    let count = culls.len() as u32;
     // Two objects in the tests at most, and some room for points on common faces.
     let room = 3 * points_m.len() + 64;
-    let parts: Vec<Vec<Hit>> = (0..count)
-        .map(|index| {
+    let parts: Vec<Vec<Hit>> = (0..)
+        .zip(culls)
+        .map(|(index, cull)| {
             let mut out = vec![Hit::default(); room];
             let share = Share { index, count, split };
-            let found = intersect(share, &hash, points, tissue, &mut Cull::default(), &mut out).unwrap();
+            let found = intersect(share, &hash, points, tissue, cull, &mut out).unwrap();
             assert_eq!(found.dropped, 0);
             out.truncate(found.count);
             out
