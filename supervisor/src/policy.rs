@@ -109,7 +109,7 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
         Event::Agreed { incarnation } => swap::agreed(now_ns, incarnation, state),
         Event::Touched { incarnation } => swap::touched(incarnation, state),
         Event::Cuts { incarnation } => swap::cuts(now_ns, incarnation, state),
-        Event::Parted { incarnation } => swap::parted(now_ns, incarnation, state),
+        Event::Parted { incarnation, reason } => swap::parted(now_ns, incarnation, reason, state),
         Event::Doubted { incarnation, reason } => swap::doubted(now_ns, incarnation, reason, state),
         Event::StopRequested => {
             state.stopping = true;

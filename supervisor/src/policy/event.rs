@@ -131,10 +131,12 @@ pub enum Event {
         /// The newcomer.
         incarnation: u32,
     },
-    /// The mesh of a newcomer on probation and that of the old engine have gone different ways, and do not meet again.
+    /// The state of a newcomer on probation and that of the old engine have gone different ways, as those of two good ones may.
     Parted {
         /// The newcomer.
         incarnation: u32,
+        /// Why it is undone if it does so again and again.
+        reason: Reason,
     },
     /// Somebody has a reason not to trust an incarnation; it counts only for a newcomer.
     Doubted {

@@ -130,6 +130,10 @@ impl Swap {
             (self.touched, self.trial_ns) = (false, now_ns);
         }
     }
+    /// Whether the newcomer is to give the role back for now.
+    pub fn is_given_back(&self) -> bool {
+        self.stage == Stage::Yielding
+    }
     fn is_proven(&self) -> bool {
         matches!(self.stage, Stage::Settling | Stage::Returning | Stage::Leaving)
     }

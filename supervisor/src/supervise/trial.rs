@@ -223,7 +223,7 @@ impl Supervisor {
             }
         }
         let text = match stage {
-            Stage::Shadow if is_again => "in the shadow again: what is cut is cut by the old engine",
+            Stage::Shadow if is_again => "in the shadow again, beside the old engine",
             Stage::Shadow => "ready, and in the shadow of the old engine",
             Stage::Trial if in_place => IN_PLACE,
             Stage::Trial => AGREES,
@@ -268,9 +268,10 @@ impl Supervisor {
                 trial.compared.1 = trial.compared.0;
             }
             self.note_step(HAS_THE_ROLE);
-            self.note_role(true);
+            self.note_role(true, false);
         } else if self.is_newcomer(before) {
-            self.note_role(false);
+            let gives_back = self.policy.swap().is_some_and(policy::Swap::is_given_back);
+            self.note_role(false, gives_back);
             self.note_step(&format!("{} went from it to incarnation {now}", role.name()));
         }
     }

@@ -25,7 +25,7 @@ const EVERY: u64 = 16;
 const SHORT_STEP_TICKS: u32 = 4;
 
 /// Ticks for which nothing is compared after one side has leapt over some: the time that it lost is missing in its state, and a tissue that is
-/// moved takes some tens of ms to forget that.
+/// moved takes some tens of ms to forget that. What floats in it does not.
 const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
@@ -48,6 +48,8 @@ pub struct Seen {
     pub text: String,
     /// Pairs in a row, up to now, of a newcomer that has the role, whose meshes are not the same: of those nothing is compared.
     pub apart: u32,
+    /// One side has lost ticks since both went on from one state: what is out of tolerance then may be what floats, which nothing pulls back to where it was.
+    pub leapt: bool,
 }
 
 impl Seen {
@@ -78,6 +80,8 @@ struct Pairs {
     role: (u32, u64),
     line: u64,
     leapt: Option<u64>,
+    /// One side has leapt since the newest pair of which both states were made of one, in the shadow.
+    has_leapt: bool,
     /// The newest steps of the old engine and of the newcomer, ticks; states of that in a row by which they differed; whether both had a state of one tick.
     steps: [u32; 2],
     unlike: u32,
@@ -118,6 +122,9 @@ impl Pairs {
             let found = is_alike.then(|| compare(kind, &old.bytes, &new.bytes));
             self.has_met = true;
             self.waiting.remove(&header.tick);
+            if in_shadow && std::mem::take(&mut self.has_leapt) {
+                (self.seen.outside, self.felt.outside) = (0, 0); // that was another line
+            }
             match found {
                 Some(found) => self.note(found.map(said)),
                 None => self.note_apart(in_shadow),
@@ -179,7 +186,7 @@ impl Pairs {
             _ => false,
         };
         if leapt {
-            self.leapt = Some(header.tick);
+            (self.leapt, self.has_leapt) = (Some(header.tick), true);
             self.waiting.clear();
         }
     }
@@ -211,7 +218,7 @@ impl Pairs {
         let (states, felt) = (&self.seen, &self.felt);
         let worse = if (felt.outside, felt.ratio) > (states.outside, states.ratio) { felt } else { states };
         let compared = if self.has_models { states.compared.min(felt.compared) } else { states.compared };
-        Seen { compared, worst: states.worst.max(felt.worst), apart: self.apart[0], ..worse.clone() }
+        Seen { compared, worst: states.worst.max(felt.worst), apart: self.apart[0], leapt: self.has_leapt, ..worse.clone() }
     }
 
     fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {

@@ -2,19 +2,22 @@
 
 use hyst_messages::page::Stage;
 use hyst_messages::{Role, Slot};
-use hystation::policy::{Action, Cause, Event, Exit, GIVE_BACK_WITHIN_NS, SHADOW_WITHIN_NS, State, probation_ns, step};
+use hystation::policy::{Action, Cause, Event, Exit, GIVE_BACK_WITHIN_NS, Reason, SHADOW_WITHIN_NS, State, probation_ns, step};
 
 const ROLE: Role = Role::Tissue;
 const NEWCOMER: u32 = 3;
 const AGREED: Event = Event::Agreed { incarnation: NEWCOMER };
 const CUTS: Event = Event::Cuts { incarnation: NEWCOMER };
-const PARTED: Event = Event::Parted { incarnation: NEWCOMER };
 /// To whom had the role before.
 const BACK: Action = Action::HandOver { role: ROLE, incarnation: 1 };
 
 /// What has a newcomer give the role back, drawn by 0 or 1.
 pub fn one_of(incarnation: u32, drawn: u64) -> Event {
-    if drawn == 0 { Event::Cuts { incarnation } } else { Event::Parted { incarnation } }
+    if drawn == 0 { Event::Cuts { incarnation } } else { parted(incarnation) }
+}
+
+fn parted(incarnation: u32) -> Event {
+    Event::Parted { incarnation, reason: Reason::new(Cause::OutOfTolerance, "a piece is elsewhere") }
 }
 
 fn slots() -> [Slot; 3] {
@@ -83,16 +86,19 @@ fn no_stroke_is_a_loss_and_a_hand_that_leaves_no_pause_ends_the_swap() {
 }
 
 #[test]
-fn a_tissue_whose_mesh_goes_another_way_each_time_is_undone_and_one_of_which_it_did_once_is_not() {
+fn a_tissue_that_goes_another_way_each_time_is_undone_and_one_of_which_it_did_once_is_not() {
     let mut state = on_probation();
     for now_ns in [10, 20, 30] {
-        assert_eq!(step(now_ns, PARTED, &mut state), [BACK]);
+        assert_eq!(step(now_ns, parted(NEWCOMER), &mut state), [BACK]);
+        assert!(state.swap().is_some_and(|swap| swap.is_given_back()));
         assert_eq!(step(now_ns + 1, holds(1), &mut state), [told(Stage::Shadow)]);
         step(now_ns + 2, AGREED, &mut state);
         step(now_ns + 3, holds(NEWCOMER), &mut state);
     }
-    let actions = step(40, PARTED, &mut state);
-    assert_eq!(cause_of(&actions), Some(Cause::OutOfTolerance), "{actions:?}");
+    assert!(state.swap().is_some_and(|swap| !swap.is_given_back()));
+    let actions = step(40, parted(NEWCOMER), &mut state);
+    let Some(Action::Retreat { reason, .. }) = actions.first() else { panic!("{actions:?}") };
+    assert_eq!((reason.cause, &reason.text[..]), (Cause::OutOfTolerance, "a piece is elsewhere, again and again"));
 }
 
 #[test]

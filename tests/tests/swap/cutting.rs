@@ -9,7 +9,7 @@ use station_tests::{Ended, RECOVERY_LIMIT, Station, bad_engine, hystation, run, 
 
 const CASE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/cases/myoma.toml");
 /// Tries of a swap: each ends within a minute, and the hand cuts for 100 s.
-const TRIES: usize = 3;
+const TRIES: usize = 2;
 /// Said of a newcomer that has given the role back.
 const AGAIN: &str = "in the shadow again";
 
@@ -43,24 +43,21 @@ fn hurt_in_a_stroke(station: &Station) {
     assert!(wait_for(RECOVERY_LIMIT, is_hurt_in_one).is_some(), "{}", station.said());
 }
 
-/// A good one was rolled back and blamed: it and the old engine lose other ticks to the machine, cut at other places, and then have meshes that are not the same.
+/// A good one was rolled back and blamed: it and the old engine lose other ticks to the machine, cut at other places, and then have meshes that are not the same, or a
+/// piece that floats is elsewhere.
 #[test]
 fn a_tissue_is_swapped_between_the_strokes_of_a_hand_that_cuts_and_nothing_that_was_cut_comes_back() {
     let station = Station::start("strokes", &[CASE, "--hand", "script:slices", "--test-mode"]);
     let has_cut = || (station.tissue_status().cuts > 0).then_some(());
     assert!(wait_for(RECOVERY_LIMIT, has_cut).is_some(), "the hand cuts nothing: {}", station.said());
     hurt_in_a_stroke(&station);
-    let (mut is_swapped, mut blamed) = (false, Vec::new());
+    let mut is_swapped = false;
     for round in 0..TRIES {
         let (mine, cuts) = (copy(&station, "tissue", round), station.tissue_status().cuts);
         let (code, record, said) = swap(&station, "tissue", &mine);
-        assert!(code == Some(0) || code == Some(1), "{code:?} {record:#}\n{said}\n{}", station.said());
+        assert!(code == Some(0) || code == Some(1) && got_no_time(&record), "{code:?} {record:#}\n{said}\n{}", station.said());
         station.recover();
         is_swapped = code == Some(0);
-        if !is_swapped && !got_no_time(&record) {
-            println!("blamed: {}", record["reason"]);
-            blamed.push(record.clone());
-        }
         if is_swapped {
             // No pause is as long as a probation.
             let has_yielded =
@@ -71,14 +68,10 @@ fn a_tissue_is_swapped_between_the_strokes_of_a_hand_that_cuts_and_nothing_that_
             break;
         }
     }
-    // On a machine that stalls one of them misses steps, or both lose other ticks than each other, so that it is blamed; a flaw is one in each.
-    assert!(is_swapped || blamed.len() < TRIES, "{blamed:#?}\n{}", station.said());
     if !is_swapped {
-        not_shown(&format!(
-            "a swap of a tissue that cuts: of {TRIES} newcomers {} were blamed, and the others got no time",
-            blamed.len()
-        ));
+        not_shown(&format!("a swap of a tissue that cuts: {TRIES} times the newcomer got no time"));
     }
+    // Under load it may lose the role before it has come so far as to die.
     let (code, record, said) = swap(&station, "tissue", &bad_engine(station.folder(), "tissue", "segfault"));
     let is_own = ["died", "hung", "missed"].iter().any(|cause| record["cause"] == *cause);
     assert!(code == Some(1) && (is_own || got_no_time(&record)), "{code:?} {record:#}\n{said}\n{}", station.said());

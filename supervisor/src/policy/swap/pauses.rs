@@ -2,8 +2,10 @@
 //! machine, and cut at other places. To undo the one would take back what the trainee has seen, and to compare them would blame a good one. So whoever is not
 //! proven cuts nothing: as soon as there is current it gives the role back, before the wire has swept enough to cut. It shadows what the old engine cuts, in
 //! which it is compared with it step by step, and has the role again in the next pause. The time that it has had it counts.
+//!
+//! Nor is one blamed at once whose state has become another one after one of the two lost ticks: a piece that floats is elsewhere then, and nothing pulls it back.
 
-use super::{Cause, GIVE_BACK_WITHIN_NS, MOST_LOSSES, Reason, Stage, State, Swap, fail};
+use super::{GIVE_BACK_WITHIN_NS, MOST_LOSSES, Reason, Stage, State, Swap, fail};
 use crate::policy::Action;
 use hyst_messages::Role;
 use hyst_messages::page::Stage as Told;
@@ -29,13 +31,12 @@ pub(in crate::policy) fn cuts(now_ns: u64, incarnation: u32, state: &mut State) 
     next(now_ns, state)
 }
 
-/// Its mesh and that of the old engine have parted: a piece that has left with the outflow in the one hangs in the other. From a state that both have they may go
-/// on together; if they part each time, it is the newcomer that makes another mesh.
-pub(in crate::policy) fn parted(now_ns: u64, incarnation: u32, state: &mut State) -> Vec<Action> {
+/// Its state and that of the old engine have parted as those of two good ones may: a piece that has left with the outflow in the one hangs in the other. From a
+/// state that both have they may go on together; if they part each time, it is the newcomer's doing, for this reason.
+pub(in crate::policy) fn parted(now_ns: u64, incarnation: u32, reason: Reason, state: &mut State) -> Vec<Action> {
     let Some(swap) = on_probation(incarnation, state) else { return Vec::new() };
     if swap.losses >= MOST_LOSSES {
-        let text = "out of tolerance: its mesh is another one than the old engine's, again and again";
-        return fail(now_ns, Reason::new(Cause::OutOfTolerance, text), state);
+        return fail(now_ns, Reason { text: format!("{}, again and again", reason.text), ..reason }, state);
     }
     let actions = cuts(now_ns, incarnation, state);
     if let Some(swap) = state.swap.as_mut().filter(|swap| swap.stage == Stage::Yielding) {

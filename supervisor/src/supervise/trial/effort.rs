@@ -162,15 +162,19 @@ impl Supervisor {
         }
     }
 
-    /// The newcomer has the role, or has lost it.
-    pub(super) fn note_role(&mut self, holds: bool) {
+    /// The newcomer has the role, or has lost it, or has given it back.
+    pub(super) fn note_role(&mut self, holds: bool, gives_back: bool) {
         let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
         let (steps, stalled_ns) = (self.steps_of(slot), self.stalled_ns());
         let Some(trial) = &mut self.trial else { return };
         let loss_ns = trial.old_engine().loss_ns();
         if let Some(effort) = &trial.effort {
             let read = effort.read(system::now_ns(), steps, stalled_ns);
-            trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
+            if gives_back {
+                trial.tenures.give_back(read);
+            } else {
+                trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
+            }
         }
     }
 

@@ -5,6 +5,7 @@ use crate::policy::{self, Cause, Event, Reason};
 use crate::supervise::Supervisor;
 use crate::swap::judge::Seen;
 use hyst_exchange::system;
+use hyst_messages::Role;
 use hyst_messages::page::Stage;
 
 /// Pairs in a row of which nothing could be compared because their meshes were not the same, two seconds of a real-time role, after which they will not be again.
@@ -33,11 +34,15 @@ impl Supervisor {
             false => now_ns - trial.since_ns >= SHADOW_NS && seen.compared - trial.compared.1 >= LEAST_COMPARED,
         };
         let may_go_on = is_proof || stage == Stage::Trial || stage == Stage::Shadow && trial.is_calm(now_ns);
-        if seen.outside >= MOST_OUTSIDE {
+        if seen.outside >= MOST_OUTSIDE && trial.role == Role::Tissue && seen.leapt {
+            // Of a line that was left already nothing is said any more.
+            if is_proof {
+                self.part(incarnation, &format!("after ticks were lost {}", seen.text));
+            }
+        } else if seen.outside >= MOST_OUTSIDE {
             self.doubt(incarnation, Reason::new(Cause::OutOfTolerance, format!("out of tolerance: {}", seen.text)));
         } else if is_proof && seen.apart >= MOST_APART {
-            let actions = policy::step(now_ns, Event::Parted { incarnation }, &mut self.policy);
-            self.act(actions);
+            self.part(incarnation, "its mesh is another one than the old engine's");
         } else if is_enough && may_go_on && seen.outside == 0 {
             if stage == Stage::Shadow {
                 self.note_step(&format!("{} states compared, the worst at {:.2e} of the tolerance", seen.compared, seen.worst));
@@ -45,5 +50,15 @@ impl Supervisor {
             let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
             self.act(actions);
         }
+    }
+
+    /// The newcomer and the old engine have parted.
+    fn part(&mut self, incarnation: u32, text: &str) {
+        let reason = Reason::new(Cause::OutOfTolerance, format!("out of tolerance: {text}"));
+        let actions = policy::step(system::now_ns(), Event::Parted { incarnation, reason }, &mut self.policy);
+        if !actions.is_empty() {
+            self.note_step(text);
+        }
+        self.act(actions);
     }
 }
