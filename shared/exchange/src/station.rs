@@ -175,11 +175,13 @@ impl Station {
         Ok(())
     }
 
-    /// iceoryx2's configuration: own root and prefix, no automatic clean-up anywhere.
+    /// iceoryx2's configuration: own root and prefix, no automatic clean-up anywhere. Who opens a service would clean up after the dead that have it open (0.10, if not
+    /// told otherwise): a newborn whose supervisor had died lost its services by that, before it had opened them and before the next supervisor held them.
     fn link_toml(&self) -> String {
         format!(
             "[global]\nroot-path = \"{}/iox2\"\nprefix = \"{}\"\n\n[global.node]\n\
-             cleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n",
+             cleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
+             [global.service]\ncleanup-dead-nodes-on-open = false\n",
             self.root.display(),
             self.prefix()
         )

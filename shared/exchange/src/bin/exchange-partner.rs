@@ -102,6 +102,7 @@ fn main() -> Result<(), Failure> {
         "claim" => claim(&mut part),
         "contend" => contend(&part),
         "publish" => publish(&mut part),
+        "found" => found(&part),
         "hold" => hold(&part),
         "serve" => serve(&mut part),
         "ask" => ask(&mut part),
@@ -193,6 +194,15 @@ fn publish(part: &mut Part) -> Result<(), Failure> {
         say(&format!("sent {number}"))?;
     }
     Ok(())
+}
+
+/// Creates two services of a tissue, as a supervisor before it starts one, and holds them.
+fn found(part: &Part) -> Result<(), Failure> {
+    let links = part.links("found")?;
+    let create = |kind| links.create_service(Role::Tissue, part.incarnation, kind);
+    let _services = (create(Kind::TissueState)?, create(Kind::CollisionJob)?);
+    say("created")?;
+    heed().map(drop)
 }
 
 /// Takes the newest message at each line of input and holds all of them.

@@ -167,3 +167,19 @@ fn a_process_joins_one_station_only() {
         assert_eq!(other.leftovers(), Vec::<std::path::PathBuf>::new());
     });
 }
+
+/// Its supervisor was killed before a newborn tissue had opened the second of its services: it was gone with the first one's opening, which had cleaned up after the
+/// dead, and the newborn ended.
+#[test]
+fn services_whose_creator_was_killed_are_there_for_whoever_opens_them_one_after_the_other() {
+    isolated(services_whose_creator_was_killed_are_there_for_whoever_opens_them_one_after_the_other, |station| {
+        let mut creator = Partner::start(station, "found", 1, "live", 0);
+        creator.expect("created");
+        creator.kill();
+        let links = join(station);
+        let _state = links.publisher(Role::Tissue, 1, Kind::TissueState, 64).unwrap();
+        let job = links.publisher(Role::Tissue, 1, Kind::CollisionJob, 64);
+        assert!(job.is_ok(), "{:?}", job.err());
+        links.clean_up_dead();
+    });
+}
