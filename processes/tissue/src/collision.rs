@@ -297,6 +297,12 @@ impl Collision {
     pub fn hits(&self) -> &[Hit] {
         &self.hits[..self.found]
     }
+
+    /// How many times tets near the points were looked for among all.
+    #[cfg(test)]
+    pub fn searches(&self) -> u64 {
+        self.culls.iter().map(Cull::searches).sum()
+    }
 }
 
 /// Which share a part is computed of beside its worker in this step, and the part's number in it.

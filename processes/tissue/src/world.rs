@@ -1,21 +1,24 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 mod case;
+mod derived;
 mod lookup;
 mod model;
+mod modeller;
 mod roots;
 
-use crate::body::{Body, Room, version_beside};
+use crate::body::{Body, Room};
 use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
-use crate::knife::{Filled, Filling};
+use crate::knife::Filled;
 use crate::materials::{Region, lowered, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
-use crate::points::{ContactPoints, Telling};
-use crate::site::{MAX_OBJECTS, object};
+use crate::points::ContactPoints;
+use crate::site::MAX_OBJECTS;
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
+use derived::Derived;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::{Failure, Life, Settings};
 use hyst_exchange::allocation;
@@ -24,6 +27,8 @@ use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{LoadedLoop, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
+use modeller::{Job, Modeller};
+use parking_lot::Mutex;
 pub use roots::Held;
 use roots::Roots;
 use std::path::Path;
@@ -122,9 +127,11 @@ pub struct World {
 /// Where worlds are made: what was computed for one serves for the next.
 pub struct Workshop {
     case: Arc<Case>,
-    maker: ModelMaker,
+    maker: Arc<Mutex<ModelMaker>>,
     faces: TopologyMaker,
     first_substeps: u32,
+    /// Who makes models on another core, once something was cut.
+    modeller: Option<Modeller>,
 }
 
 /// What is not as in the station, for whoever asks what that costs or is worth.
@@ -198,14 +205,14 @@ impl Workshop {
         let mut case = Case::of(scene, &body, &starts)?;
         case.register_parts(&mut body)?;
         let case = Arc::new(case);
-        let maker = ModelMaker::new(&materials(scene)?, options);
-        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps };
+        let maker = Arc::new(Mutex::new(ModelMaker::new(&materials(scene)?, options)));
+        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps, modeller: Modeller::start() };
         let (model, report) = workshop.model(&body)?;
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.
-        workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
-        let topology = workshop.topology(&body)?;
-        let mut world = World::with(&workshop.case, body, (model, topology), None, &mut || ())?;
+        workshop.maker.lock().options.omega_rest_per_s = Some(report.omega_rest_per_s);
+        let derived = Derived::of(&workshop.case, &mut workshop.faces, &body, None, &mut || ())?;
+        let mut world = derived.with(&workshop.case, body, model);
         world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of an organ that is whole has to.
         world.shut_n();
@@ -215,29 +222,37 @@ impl Workshop {
     /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
-        let topology = self.topology(&body)?;
-        World::with(&self.case, body, (model, topology), None, &mut || ())
+        let derived = Derived::of(&self.case, &mut self.faces, &body, None, &mut || ())?;
+        Ok(derived.with(&self.case, body, model))
     }
 
     /// The world of a body that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
-    /// alone, without a spare or a successor. Who knows already what holds the body says it. Calls `passed` once the model is made, then once the faces and the
-    /// points of contact are.
+    /// alone, without a spare or a successor. Who knows already what holds the body says it. The tissue stands still meanwhile, so the model is made on another
+    /// core. Calls `passed` once the faces and the points of contact are made, then once the body is packed.
     pub fn make_sound(&mut self, body: Body, held: Option<Held>, passed: &mut impl FnMut()) -> Result<World, Failure> {
-        let (model, _) = self.model(&body)?;
-        passed();
-        let topology = self.topology(&body)?;
-        let world = World::with(&self.case, body, (model, topology), held, passed)?;
-        let is_sound = world.body.fits(&self.case.room) && world.filled.is_everywhere;
+        let (body, case) = (Arc::new(body), Arc::clone(&self.case));
+        let job = Job::of(self, &body);
+        let faces = &mut self.faces;
+        let derive = || {
+            let derived = Derived::of(&case, faces, &body, held, passed);
+            passed();
+            derived
+        };
+        let (made, derived) = match &mut self.modeller {
+            Some(modeller) => modeller.both(job, derive),
+            None => {
+                let derived = derive();
+                (job.done(), derived)
+            }
+        };
+        let (model, _) = made?;
+        let body = Arc::try_unwrap(body).unwrap_or_else(|shared| Body::clone(&shared));
+        let world = derived?.with(&case, body, model);
+        let is_sound = world.body.fits(&case.room) && world.filled.is_everywhere;
         if !is_sound {
             return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));
         }
         Ok(world)
-    }
-
-    fn topology(&mut self, body: &Body) -> Result<Topology, Failure> {
-        let rest = &body.rest;
-        let made = self.faces.make(&rest.tets, &rest.regions, &rest.positions_m);
-        made.map_err(|error| Failure::Input(error.to_string()))
     }
 }
 
@@ -268,110 +283,11 @@ impl Body {
     }
 }
 
-impl World {
-    /// Calls `passed` before the body is packed.
-    fn with(
-        case: &Arc<Case>,
-        body: Body,
-        (model, topology): (Model, Topology),
-        held: Option<Held>,
-        passed: &mut impl FnMut(),
-    ) -> Result<World, Failure> {
-        let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
-        let Held { is_held, is_rooted, attachments } = held.unwrap_or_else(|| case.held(&body));
-        let is_wall =
-            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
-        let faces = topology.boundary.iter().zip(&topology.boundary_owner);
-        let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
-        let objects = objects(case, &body, &is_rooted);
-        let mut points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
-        passed();
-        let words = body.pack();
-        let (mut filling, mut telling) = (Filling::of(case, &body, &objects), Telling::of(&body));
-        let version = version_beside(&words, || {
-            // Once for each block of words; what is left then is done at once.
-            if !filling.add() {
-                telling.ask();
-            }
-        });
-        let filled = filling.ended();
-        points.of_tets = telling.ended();
-        Ok(World {
-            case: Arc::clone(case),
-            drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
-            points,
-            objects,
-            version,
-            is_organ_whole: case.closing.is_whole(&body),
-            shut_n: OnceLock::new(),
-            filled,
-            notes: Vec::new(),
-            model,
-            topology,
-            attachments,
-            wall,
-            words,
-            body,
-        })
-    }
-}
-
 /// How far nodes may stray, m: not to where nobody takes a state of them, its maker neither.
 fn most_reach_m(body: &Body) -> f64 {
     let places_m = body.rest.positions_m.as_flattened();
     let farthest_m = places_m.iter().fold(0.0f32, |farthest, place_m| farthest.max(place_m.abs()));
     f64::from(REACH_SHARE * FARTHEST_M - farthest_m).max(0.0)
-}
-
-/// Calls for each run of things of one object: with the object, the place of the first of them, and how many they are.
-fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32, u32, u32)) {
-    let (mut of, mut first, mut end) = (None, 0, 0);
-    for object in objects_of {
-        if object != of {
-            if let Some(before) = of {
-                note(before, first, end - first);
-            }
-            (of, first) = (object, end);
-        }
-        end += 1;
-    }
-    if let Some(last) = of {
-        note(last, first, end - first);
-    }
-}
-
-/// The records of all objects of a body, of which some nodes are rooted, and of the instruments.
-fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
-    let count = body.origin.len();
-    let mut held = vec![false; count];
-    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-        let is_held = &mut held[*object as usize];
-        *is_held = *is_held || tet.iter().any(|node| is_rooted[*node as usize]);
-    }
-    let mut counts = vec![[[0u32; 2]; 4]; count];
-    let mut note = |what: usize, object: u32, first: u32, number: u32| {
-        let [at, sum] = &mut counts[object as usize][what];
-        *at = if *sum == 0 { first } else { *at };
-        *sum += number;
-    };
-    let of_vertex: Vec<u32> = body.skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
-    runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
-    runs(of_vertex.iter().map(|object| Some(*object)), |object, first, number| note(1, object, first, number));
-    let of_triangle = body.skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
-    runs(of_triangle, |object, first, number| note(2, object, first, number));
-    runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
-    let deformable = (0..count).map(|index| {
-        let (name, kind) = &case.objects[body.origin[index] as usize];
-        let is_of_scene = case.is_of_scene(index as u32);
-        let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
-        // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
-        let is_free = !(held[index] || is_of_scene && *kind == ObjectKind::Organ);
-        let kind = if is_free { ObjectKind::FreePiece } else { *kind };
-        let [tets, vertices, triangles, nodes] = counts[index];
-        ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }
-    });
-    let rigid = case.rigid.iter().enumerate().map(|(index, name)| object(name, ObjectKind::Tool, (count + index) as u32));
-    deformable.chain(rigid).collect()
 }
 
 /// Mean edge of some tets, m.

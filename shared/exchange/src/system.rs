@@ -81,7 +81,8 @@ pub fn wake_word(word: &AtomicU32, whom: NonZeroU32) {
 /// What the system says.
 pub fn free_bytes(path: &Path) -> std::io::Result<u64> {
     let found = rustix::fs::statvfs(path)?;
-    Ok(found.f_bavail.saturating_mul(found.f_frsize))
+    // One without a limit says that it has no blocks at all.
+    Ok(if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) })
 }
 
 /// What the machine granted.
@@ -149,7 +150,7 @@ pub fn start_in_class<T>(priority: i32, start: impl FnOnce() -> T) -> T {
 
 /// SCHED_FIFO priority of the calling thread, 0 for an ordinary one.
 #[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
-fn own_priority() -> i32 {
+pub fn own_priority() -> i32 {
     let mut parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: the pointer is to a live sched_param, which the call fills; thread id 0 is the calling thread.
     let result = unsafe { libc::sched_getparam(0, &mut parameters) };

@@ -69,9 +69,9 @@ fn wires(scene: &LoadedScene, place: f32) -> Result<impl Iterator<Item = [[f32; 
     Ok(ways.map(move |z| [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]]))
 }
 
-/// What the Main Loop does for a cut, one after the other: the sweep, the names of the parts that it leaves, their model, their faces and points of contact,
-/// packing them into words and looking whether others would take them, and all else that is made anew for them.
-pub const STAGES: [&str; 6] = ["sweep", "parts", "model", "faces", "packing", "taking"];
+/// What the Main Loop does for a cut, one after the other: the sweep, the names of the parts that it leaves, their faces and points of contact, packing them into words
+/// and looking whether others would take them, waiting for their model, which is made on another core meanwhile, and all else that is made anew for them.
+pub const STAGES: [&str; 6] = ["sweep", "parts", "faces", "packing", "model", "taking"];
 
 /// The cuts of some strokes.
 #[derive(Default)]

@@ -14,6 +14,7 @@ mod limits;
 mod medium;
 mod outflow;
 mod pieces;
+mod remembers;
 mod removed;
 mod sheet;
 mod thrust;

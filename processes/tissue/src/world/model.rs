@@ -1,9 +1,9 @@
 //! Making the tissue's model of a body, with as few substeps as little enough mass has to be added for.
 
-use super::Workshop;
+use super::{Case, Workshop};
 use crate::body::Body;
 use hyst_engine::Failure;
-use hyst_tissue::{Model, ModelError, ModelReport};
+use hyst_tissue::{Model, ModelError, ModelMaker, ModelReport};
 
 /// Most substeps in a step of 1 ms: fine meshes of stiff tissue need more than what an organ of the size that the station is made for does. The first is
 /// taken with which little enough mass has to be added. One that is too few says how many would be enough, so that those between are not tried: a cut
@@ -11,21 +11,30 @@ use hyst_tissue::{Model, ModelError, ModelReport};
 pub(super) const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 
 impl Workshop {
-    /// The model of a body: it is made of what the scene's objects and their regions are made of, whatever its parts are now.
+    /// The model of a body.
     pub(super) fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
-        let regions: Vec<u32> = (0..body.rest.tets.len()).map(|tet| self.case.material(body, tet)).collect();
-        let maker = &mut self.maker;
-        let mut with = |max_substeps| {
-            maker.options.max_substeps = max_substeps;
-            maker.make_of(&body.rest, &regions, &body.fixed)
-        };
-        let mut last = with(self.first_substeps);
-        while let Err(ModelError::TooStiff { substeps, enough_substeps, .. }) = last {
-            let Some(next) = next_after(substeps, enough_substeps) else { break };
-            last = with(next);
-        }
-        last.map_err(|error| Failure::Input(error.to_string()))
+        model_of(&mut self.maker.lock(), &self.case, self.first_substeps, body)
     }
+}
+
+/// The model of a body: it is made of what the scene's objects and their regions are made of, whatever its parts are now.
+pub(super) fn model_of(
+    maker: &mut ModelMaker,
+    case: &Case,
+    first_substeps: u32,
+    body: &Body,
+) -> Result<(Model, ModelReport), Failure> {
+    let regions: Vec<u32> = (0..body.rest.tets.len()).map(|tet| case.material(body, tet)).collect();
+    let mut with = |max_substeps| {
+        maker.options.max_substeps = max_substeps;
+        maker.make_of(&body.rest, &regions, &body.fixed)
+    };
+    let mut last = with(first_substeps);
+    while let Err(ModelError::TooStiff { substeps, enough_substeps, .. }) = last {
+        let Some(next) = next_after(substeps, enough_substeps) else { break };
+        last = with(next);
+    }
+    last.map_err(|error| Failure::Input(error.to_string()))
 }
 
 /// The least of [`MAX_SUBSTEPS`] beyond one that was too few that may be enough.
@@ -64,7 +73,7 @@ impl Workshop {
 
     /// Has the models that are made from here on bear contacts of a stiffness, N/m.
     pub fn stiffen(&mut self, contact_n_m: f64) {
-        self.maker.options.contact_stiffness_n_m = contact_n_m;
+        self.maker.lock().options.contact_stiffness_n_m = contact_n_m;
     }
 }
 

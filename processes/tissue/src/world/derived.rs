@@ -1,0 +1,132 @@
+//! All that is made of a body beside its model, which takes as long.
+
+use super::{Case, Held, World};
+use crate::body::{Body, version_beside};
+use crate::drift::Drifter;
+use crate::knife::{Filled, Filling};
+use crate::points::{ContactPoints, Telling};
+use crate::site::object;
+use hyst_contact::{Topology, TopologyMaker};
+use hyst_engine::Failure;
+use hyst_messages::stream::{ObjectKind, ObjectRecord};
+use hyst_tissue::{Attachment, Model};
+use std::sync::{Arc, OnceLock};
+
+/// What a world has beside its body and the model of that.
+pub(super) struct Derived {
+    words: Vec<u32>,
+    version: u32,
+    topology: Topology,
+    attachments: Vec<Attachment>,
+    points: ContactPoints,
+    wall: Vec<[u32; 3]>,
+    objects: Vec<ObjectRecord>,
+    filled: Filled,
+}
+
+impl Derived {
+    /// Calls `passed` before the body is packed.
+    pub(super) fn of(
+        case: &Case,
+        faces: &mut TopologyMaker,
+        body: &Body,
+        held: Option<Held>,
+        passed: &mut impl FnMut(),
+    ) -> Result<Derived, Failure> {
+        let made = faces.make(&body.rest.tets, &body.rest.regions, &body.rest.positions_m);
+        let topology = made.map_err(|error| Failure::Input(error.to_string()))?;
+        let hollow = |owner: u32| case.hollow.get(case.origin(body, owner)).is_some_and(|hollow| *hollow);
+        let Held { is_held, is_rooted, attachments } = held.unwrap_or_else(|| case.held(body));
+        let is_wall =
+            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
+        let boundary = topology.boundary.iter().zip(&topology.boundary_owner);
+        let wall = boundary.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
+        let objects = objects(case, body, &is_rooted);
+        let mut points = ContactPoints::of(case, body, &topology, &objects, &attachments)?;
+        passed();
+        let words = body.pack();
+        let (mut filling, mut telling) = (Filling::of(case, body, &objects), Telling::of(body));
+        let version = version_beside(&words, || {
+            // Once for each block of words; what is left then is done at once.
+            if !filling.add() {
+                telling.ask();
+            }
+        });
+        let filled = filling.ended();
+        points.of_tets = telling.ended();
+        Ok(Derived { words, version, topology, attachments, points, wall, objects, filled })
+    }
+
+    /// The world of that body, with its model.
+    pub(super) fn with(self, case: &Arc<Case>, body: Body, model: Model) -> World {
+        let Derived { words, version, topology, attachments, points, wall, objects, filled } = self;
+        World {
+            case: Arc::clone(case),
+            drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
+            is_organ_whole: case.closing.is_whole(&body),
+            shut_n: OnceLock::new(),
+            notes: Vec::new(),
+            points,
+            objects,
+            version,
+            filled,
+            model,
+            topology,
+            attachments,
+            wall,
+            words,
+            body,
+        }
+    }
+}
+
+/// Calls for each run of things of one object: with the object, the place of the first of them, and how many they are.
+fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32, u32, u32)) {
+    let (mut of, mut first, mut end) = (None, 0, 0);
+    for object in objects_of {
+        if object != of {
+            if let Some(before) = of {
+                note(before, first, end - first);
+            }
+            (of, first) = (object, end);
+        }
+        end += 1;
+    }
+    if let Some(last) = of {
+        note(last, first, end - first);
+    }
+}
+
+/// The records of all objects of a body, of which some nodes are rooted, and of the instruments.
+fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
+    let count = body.origin.len();
+    let mut held = vec![false; count];
+    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+        let is_held = &mut held[*object as usize];
+        *is_held = *is_held || tet.iter().any(|node| is_rooted[*node as usize]);
+    }
+    let mut counts = vec![[[0u32; 2]; 4]; count];
+    let mut note = |what: usize, object: u32, first: u32, number: u32| {
+        let [at, sum] = &mut counts[object as usize][what];
+        *at = if *sum == 0 { first } else { *at };
+        *sum += number;
+    };
+    let of_vertex: Vec<u32> = body.skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
+    runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
+    runs(of_vertex.iter().map(|object| Some(*object)), |object, first, number| note(1, object, first, number));
+    let of_triangle = body.skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
+    runs(of_triangle, |object, first, number| note(2, object, first, number));
+    runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
+    let deformable = (0..count).map(|index| {
+        let (name, kind) = &case.objects[body.origin[index] as usize];
+        let is_of_scene = case.is_of_scene(index as u32);
+        let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
+        // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
+        let is_free = !(held[index] || is_of_scene && *kind == ObjectKind::Organ);
+        let kind = if is_free { ObjectKind::FreePiece } else { *kind };
+        let [tets, vertices, triangles, nodes] = counts[index];
+        ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }
+    });
+    let rigid = case.rigid.iter().enumerate().map(|(index, name)| object(name, ObjectKind::Tool, (count + index) as u32));
+    deformable.chain(rigid).collect()
+}
