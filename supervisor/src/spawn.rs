@@ -4,6 +4,7 @@
 //! The services of an incarnation exist before its process does, and the supervisor holds them while it lives, so that a process that
 //! dies while it starts cannot leave a service half-made.
 
+mod room;
 mod seat;
 
 use crate::intent::{Deed, Intent, Mortality};
@@ -46,6 +47,9 @@ pub enum SpawnError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The file system of the station's memory is too full for it.
+    #[error("{0}: {1}")]
+    Room(Slot, room::NoRoom),
     /// It was gone before it could be watched.
     #[error("{0}: the process was gone before it could be watched; look at its log")]
     Gone(Slot),
@@ -129,6 +133,7 @@ impl Spawner {
     }
 
     fn make(&mut self, slot: Slot, incarnation: u32) -> Result<Ward, SpawnError> {
+        room::look(&self.station, slot.role()).map_err(|no_room| SpawnError::Room(slot, no_room))?;
         drop(self.station.create_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?);
         self.mortality.pass("spawn-paged");
         self.create_services(slot, incarnation)?;
