@@ -178,12 +178,11 @@ impl Station {
     /// iceoryx2's configuration: own root and prefix, no automatic clean-up anywhere. Who opens a service would clean up after the dead that have it open (0.10, if not
     /// told otherwise): a newborn whose supervisor had died lost its services by that, before it had opened them and before the next supervisor held them.
     fn link_toml(&self) -> String {
+        let (root, prefix) = (self.root.display(), self.prefix());
         format!(
-            "[global]\nroot-path = \"{}/iox2\"\nprefix = \"{}\"\n\n[global.node]\n\
+            "[global]\nroot-path = \"{root}/iox2\"\nprefix = \"{prefix}\"\n\n[global.node]\n\
              cleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
-             [global.service]\ncleanup-dead-nodes-on-open = false\n",
-            self.root.display(),
-            self.prefix()
+             [global.service]\ncleanup-dead-nodes-on-open = false\n"
         )
     }
 
@@ -203,11 +202,8 @@ impl Station {
 
     /// Segments, files and folders that exist of this station.
     pub fn leftovers(&self) -> Vec<PathBuf> {
-        let mut found: Vec<PathBuf> = self.segments().map(|entry| entry.path()).collect();
-        if self.root.exists() {
-            found.push(self.root.clone());
-        }
-        found
+        let root = self.root.exists().then(|| self.root.clone());
+        self.segments().map(|entry| entry.path()).chain(root).collect()
     }
 
     /// Removes everything of the station. Only when nothing of it lives.
