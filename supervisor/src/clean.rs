@@ -42,7 +42,8 @@ struct Unborn {
 
 impl Unborn {
     fn ask(&mut self, now_ns: u64) {
-        (self.looks, self.due_ns) = (UNBORN_LOOKS, self.due_ns.max(now_ns + PAUSE_NS));
+        self.due_ns = if self.looks == 0 { now_ns + PAUSE_NS } else { self.due_ns };
+        self.looks = UNBORN_LOOKS;
     }
 
     /// Removes those that had no size at the look before either; gives their number.
@@ -66,9 +67,9 @@ impl Cleaner {
         Cleaner { is_real_time, ..Cleaner::default() }
     }
 
-    /// Somebody died.
+    /// Somebody died, or there is no room. Who asks again puts nothing off.
     pub fn ask(&mut self, now_ns: u64) {
-        self.due_ns = Some(now_ns + PAUSE_NS);
+        self.due_ns.get_or_insert(now_ns + PAUSE_NS);
         self.unborn.ask(now_ns);
     }
 
@@ -79,14 +80,14 @@ impl Cleaner {
             crate::journal::say(station, &format!("{removed} segments that the dead had left without a size were removed"));
         }
         if let Some((pid, since_ns)) = self.running {
-            if is_over(pid) {
+            if let Some(is_done) = is_over(pid) {
                 self.running = None;
+                if !is_done {
+                    self.ask(now_ns); // as where there was no room for a node of its own
+                }
             } else if now_ns.saturating_sub(since_ns) > WATCHDOG_NS {
                 crate::proc::signal(pid, Signal::KILL);
-                crate::journal::say(
-                    station,
-                    "the clean-up after the dead hung and was killed; it is tried again after the next death",
-                );
+                crate::journal::say(station, "the clean-up after the dead hung and was killed; it is tried again");
                 self.running = Some((pid, now_ns));
             }
             return;
@@ -106,10 +107,15 @@ fn start(station: &Station, is_real_time: bool) -> Option<u32> {
     start_as_begun(station, &mut command, is_real_time.then_some(PRIORITY)).ok().map(|child| child.id())
 }
 
-/// Whether the helper has ended, which this look reaps. It is a child of this process, so that nobody else has its id before; and no file is opened for it, or
-/// one that runs would be forgotten where none can be.
-fn is_over(pid: u32) -> bool {
-    crate::proc::pid(pid).is_none_or(|pid| !matches!(waitpid(Some(pid), WaitOptions::NOHANG), Ok(None)))
+/// Whether the helper has ended, which this look reaps, and if so, whether it did what it was to. It is a child of this process, so that nobody else has its id
+/// before; and no file is opened for it, or one that runs would be forgotten where none can be.
+fn is_over(pid: u32) -> Option<bool> {
+    let Some(pid) = crate::proc::pid(pid) else { return Some(true) };
+    match waitpid(Some(pid), WaitOptions::NOHANG) {
+        Ok(None) => None,
+        Ok(Some((_, status))) => Some(status.exit_status() == Some(0)),
+        Err(_) => Some(true), // somebody else has reaped it
+    }
 }
 
 /// The helper itself.
@@ -129,15 +135,36 @@ mod tests {
     fn a_helper_is_over_when_it_has_ended_and_is_reaped_by_the_look_that_finds_it() {
         let mut helper = std::process::Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         let pid = helper.id();
-        assert!(!is_over(pid), "it reads on");
+        assert_eq!(is_over(pid), None, "it reads on");
         drop(helper.stdin.take());
         let deadline_ns = hyst_exchange::system::now_ns() + 20_000_000_000;
-        while !is_over(pid) {
+        while is_over(pid).is_none() {
             assert!(hyst_exchange::system::now_ns() < deadline_ns, "it does not end");
             std::thread::yield_now();
         }
         let status = waitpid(crate::proc::pid(pid), WaitOptions::NOHANG);
-        assert!(status.is_err() && is_over(pid), "it was not reaped");
+        assert!(status.is_err() && is_over(pid) == Some(true), "it was not reaped");
+    }
+
+    /// A clean-up that found no room for a node of its own was tried again after the next death alone, and nobody could be started until then.
+    #[test]
+    #[expect(clippy::zombie_processes, reason = "the look that finds it over reaps it")]
+    fn one_that_failed_is_done_again_and_who_asks_meanwhile_puts_nothing_off() {
+        let station = Station::named(&format!("t{}-uncleaned", std::process::id())).unwrap();
+        let after = |program: &str| {
+            let helper = std::process::Command::new(program).spawn().unwrap();
+            let mut cleaner = Cleaner { running: Some((helper.id(), 0)), ..Cleaner::default() };
+            let deadline_ns = hyst_exchange::system::now_ns() + 20_000_000_000;
+            while cleaner.running.is_some() {
+                assert!(hyst_exchange::system::now_ns() < deadline_ns, "it does not end");
+                cleaner.tend(&station, 7);
+            }
+            cleaner.due_ns
+        };
+        assert_eq!(["true", "false"].map(after), [None, Some(7 + PAUSE_NS)]);
+        let mut cleaner = Cleaner::default();
+        [0, PAUSE_NS / 2, PAUSE_NS - 1].into_iter().for_each(|now_ns| cleaner.ask(now_ns));
+        assert_eq!((cleaner.due_ns, cleaner.unborn.due_ns), (Some(PAUSE_NS), PAUSE_NS));
     }
 
     #[test]

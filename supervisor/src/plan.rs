@@ -19,6 +19,9 @@ pub struct Plan {
     /// Roles whose engines were swapped, each with its present binary.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub swapped: BTreeMap<String, PathBuf>,
+    /// Bytes of the nodes and the surface in a state of the tissue, by which its processes take their room.
+    #[serde(default)]
+    pub state_bytes: u64,
     /// In lock-step: the tick at which the run ends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_tick: Option<u64>,

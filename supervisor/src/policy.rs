@@ -74,8 +74,8 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             }
             swap::spawned(now_ns, slot, incarnation, state)
         }
-        Event::SpawnFailed { slot } => match state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
-            Some(_) => swap::spawn_failed(slot, state).unwrap_or_else(|| bereave(now_ns, slot, End::NotStarted, state)),
+        Event::SpawnFailed { slot, no_room } => match state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
+            Some(_) => swap::spawn_failed(slot, no_room, state).unwrap_or_else(|| bereave(now_ns, slot, End::NotStarted, state)),
             None => Vec::new(),
         },
         Event::Ready { slot, incarnation } => ready(now_ns, slot, incarnation, state),

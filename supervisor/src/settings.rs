@@ -121,7 +121,7 @@ pub fn prepare(
     }
     let slots = slots.iter().map(ToString::to_string).collect();
     let swapped = driver.map(|driver| (Role::Hardware.name().to_string(), driver)).into_iter().collect();
-    let plan = Plan { binaries, slots, swapped, end_tick: end_tick(args), faults };
+    let plan = Plan { binaries, slots, swapped, state_bytes: 0, end_tick: end_tick(args), faults };
     let missing = plan.missing();
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();

@@ -133,7 +133,7 @@ impl Spawner {
     }
 
     fn make(&mut self, slot: Slot, incarnation: u32) -> Result<Ward, SpawnError> {
-        room::look(&self.station, slot.role()).map_err(|no_room| SpawnError::Room(slot, no_room))?;
+        room::look(&self.station, slot.role(), self.plan.state_bytes).map_err(|no_room| SpawnError::Room(slot, no_room))?;
         drop(self.station.create_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?);
         self.mortality.pass("spawn-paged");
         self.create_services(slot, incarnation)?;

@@ -26,7 +26,7 @@ pub const SECTIONS: usize = 11;
 
 /// Worlds on their way between the Main Loop, which makes them, and the clerk.
 ///
-/// They are freed where they were made: an ordinary thread that frees one takes the lock of the memory that the Main Loop asks for its next one, and on full
+/// They are freed by the Main Loop: an ordinary thread that frees one takes the lock of the memory that the Main Loop asks for its next one, and on full
 /// cores may not be let run with it.
 #[derive(Clone)]
 struct Worlds {

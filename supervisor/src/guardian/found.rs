@@ -242,7 +242,8 @@ fn make(
     laid_down(station.pathology(), scene.pathology_ml.to_string().as_bytes())?;
     laid_down(Limits::path(station), Limits::own().text().as_bytes())?;
     build.map_or(Ok(()), |build| laid_down(station.build(), build.as_bytes()))?;
-    wanted.plan.write(station).map_err(|e| match &e {
+    let plan = Plan { state_bytes: scene.state_bytes, ..wanted.plan.clone() };
+    plan.write(station).map_err(|e| match &e {
         PlanError::File { source, .. } => Refusal::of_system(source.kind(), e.to_string()),
         PlanError::Content { .. } => Refusal::input(e.to_string()),
     })?;

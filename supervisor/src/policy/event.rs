@@ -56,6 +56,8 @@ pub enum Event {
     },
     /// A spawn that was asked for failed.
     SpawnFailed {
+        /// There is no room for it.
+        no_room: bool,
         /// Where.
         slot: Slot,
     },

@@ -298,10 +298,14 @@ pub(super) fn died(now_ns: u64, slot: Slot, incarnation: u32, hung: bool, state:
 }
 
 /// A start failed: of the newcomer, if it says so.
-pub(super) fn spawn_failed(slot: Slot, state: &mut State) -> Option<Vec<Action>> {
+pub(super) fn spawn_failed(slot: Slot, no_room: bool, state: &mut State) -> Option<Vec<Action>> {
     let swap = state.swap.as_ref().filter(|swap| swap.slot == slot && !swap.is_proven())?;
     let (role, to) = (swap.role(), swap.incumbent);
-    let retreat = Action::Retreat { role, to, reason: Reason::new(Cause::NotReady, "it cannot be started") };
+    let reason = match no_room {
+        true => Reason::new(Cause::NoTime, "the machine has no room for it in /dev/shm"),
+        false => Reason::new(Cause::NotReady, "it cannot be started"),
+    };
+    let retreat = Action::Retreat { role, to, reason };
     let mut actions = if swap.stage == Stage::Retreating { Vec::new() } else { vec![retreat] };
     actions.extend(retreated(slot, state));
     Some(actions)

@@ -101,7 +101,11 @@ impl Supervisor {
                 if !matches!(error, SpawnError::Gone(_)) {
                     journal::say(&self.station, &format!("cannot start {error}"));
                 }
-                Event::SpawnFailed { slot }
+                let no_room = matches!(error, SpawnError::Room(..));
+                if no_room {
+                    self.cleaner.ask(system::now_ns()); // the dead may have what it needs
+                }
+                Event::SpawnFailed { slot, no_room }
             }
         };
         let actions = policy::step(system::now_ns(), event, &mut self.policy);

@@ -49,6 +49,8 @@ pub struct Trial {
     /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role; and how many while it had it before a pause.
     compared: (u64, u64),
     proven: u64,
+    /// It gives the role back because its state and that of the old engine have parted.
+    has_parted: bool,
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
     /// Looks at which the hand felt something on this probation.
@@ -79,6 +81,7 @@ impl Trial {
             judge: None,
             compared: (0, 0),
             proven: 0,
+            has_parted: false,
             forces: (0, 0, 0),
             felt: 0,
             current_ns: 0,
@@ -215,7 +218,11 @@ impl Supervisor {
         let is_again = stage == Stage::Shadow && self.trial.as_ref().is_some_and(|trial| trial.stage == Stage::Trial);
         if let Some(trial) = &mut self.trial {
             trial.note_leader();
-            trial.proven = if is_again { trial.compared_on_probation() } else { trial.proven };
+            trial.proven = match is_again {
+                true if std::mem::take(&mut trial.has_parted) => 0, // pairs that disagreed prove nothing
+                true => trial.compared_on_probation(),
+                false => trial.proven,
+            };
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
             let begins = stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && !is_again;
             if begins && policy::is_judged(role) {

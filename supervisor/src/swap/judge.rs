@@ -170,6 +170,9 @@ impl Pairs {
     fn follow(&mut self, header: &StreamHeader, guest: u32) {
         self.meshes[usize::from(header.incarnation == guest)] = header.topology_version;
         let step = u64::from(header.step_ticks);
+        // Whoever begins an epoch goes on from what all have, and where he leaps they part.
+        let begins = header.incarnation == guest && !header.is_shadow() && header.epoch > self.role.0;
+        self.has_leapt = self.has_leapt && !begins;
         let leapt = match (header.incarnation == guest, header.is_shadow()) {
             (is_guest, false) => {
                 // What an elder keeps beside the role begins anew after he has had it.

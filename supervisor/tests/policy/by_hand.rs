@@ -342,7 +342,7 @@ fn nobody_is_mistrusted_for_kills_from_outside_or_for_starts_that_fail() {
                 step(now_ns, Event::Spawned { slot: reader, incarnation }, &mut state);
                 Event::Died { slot: reader, incarnation, exit: Exit::Signal(9) }
             } else {
-                Event::SpawnFailed { slot: reader }
+                Event::SpawnFailed { slot: reader, no_room: false }
             };
             let actions = step(now_ns, end, &mut state);
             assert!(!actions.iter().any(|action| matches!(action, Action::Mistrust { .. })), "{actions:?}");

@@ -192,7 +192,7 @@ impl World {
             self.note_binary(slot, self.next_incarnation);
             self.event(state, Event::Spawned { slot, incarnation: self.next_incarnation });
         } else {
-            self.event(state, Event::SpawnFailed { slot });
+            self.event(state, Event::SpawnFailed { slot, no_room: false });
         }
     }
 

@@ -1,6 +1,6 @@
 //! What a cut costs: a wire is drawn through the middle of the scene's first pathology (without one, of its organ), and the model of what it leaves is
 //! made anew after each tick in which the mesh changed. The same wire is drawn as the Main Loop does it, with the scene's surface and all that is made anew,
-//! and with an allocator that keeps what is freed, as the Main Loop's ([`Workshop::open`] asks it to).
+//! with an allocator that keeps what is freed, as the Main Loop's ([`Workshop::open`] asks it to), and in real time, where that is granted.
 
 use super::press::text;
 use crate::contacts::Contacts;
@@ -9,8 +9,10 @@ use crate::main_loop::fit;
 use crate::materials::materials;
 use crate::world::{Workshop, World};
 use hyst_contact::{ContactError, Topology, TopologyMaker};
+use hyst_engine::realtime;
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
+use hyst_messages::Role;
 use hyst_scene::{DeformableKind, LoadedScene};
 use hyst_tissue::{BoundSurface, CutOptions, Cuttable, Isa, ModelMaker, Options, Scratch, cut};
 use std::hint::black_box;
@@ -84,6 +86,22 @@ pub struct Cuts {
     pub refused: usize,
 }
 
+/// While this is there the calling thread is real time as a tissue is, if it may.
+struct InRealTime;
+
+impl InRealTime {
+    fn begin() -> InRealTime {
+        let _ = realtime::priority(Role::Tissue).is_some_and(system::become_fifo); // refused: as an ordinary tissue
+        InRealTime
+    }
+}
+
+impl Drop for InRealTime {
+    fn drop(&mut self) {
+        system::demote(0);
+    }
+}
+
 /// When the stages of a cut were over, ns.
 struct Laps(Vec<u64>);
 
@@ -123,6 +141,7 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, place: f32, cuts: &mut Cuts) ->
     let mut positions_m = world.model.rest_m().to_vec();
     let mut velocities_m_s = vec![[0.0; 3]; positions_m.len()];
     for wire_m in wires(scene, place)? {
+        let _in_real_time = InRealTime::begin();
         let mut laps = Laps::begun();
         let nodes = (&positions_m[..], &velocities_m_s[..]);
         let before: &[u8] = bytemuck::cast_slice(&stroke);

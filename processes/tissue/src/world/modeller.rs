@@ -1,19 +1,22 @@
 //! A thread that makes the model of what a cut has left while the one that steps makes the faces and packs the body: the tissue stands still meanwhile, and the
 //! model takes as long as the rest.
 //!
-//! Promise: nobody waits for a thread that has not begun. It has the class and the priority of who waits for it; but on a busy machine it may come late, and then
-//! its job is taken back. What is made is the same, whoever makes it.
+//! Promise: nobody waits for a job that has not been begun: on a busy machine the thread may come late, and then its job is taken back. It has the priority of who
+//! waits for it, and has nothing to do where that one is an ordinary thread. What is made is the same, whoever makes it.
 
 use super::model::model_of;
 use super::{Case, Workshop};
 use crate::body::Body;
-use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
+use crossbeam::channel::{Receiver, Sender, bounded};
 use hyst_engine::Failure;
 use hyst_exchange::system;
 use hyst_tissue::{Model, ModelMaker, ModelReport};
 use parking_lot::Mutex;
 use std::sync::Arc;
+use std::time::Duration;
 
+/// How long a model may take that has been begun: far longer than any does. Who waits for so long is taken for one that hangs long before.
+const WITHIN: Duration = Duration::from_secs(5);
 /// Stack of the thread, bytes: locked memory is brought in whole.
 const STACK_BYTES: usize = 512 << 10;
 
@@ -48,6 +51,7 @@ pub(super) struct Modeller {
     untaken: Receiver<Job>,
     made: Receiver<Made>,
     thread_id: i32,
+    /// The priority that it was given last, 0 for none.
     priority: i32,
 }
 
@@ -74,23 +78,25 @@ impl Modeller {
 
     /// Has it do a job, and does something else meanwhile; and then the job, too, if it has not begun it.
     pub(super) fn both<T>(&mut self, job: Job, meanwhile: impl FnOnce() -> T) -> (Made, T) {
-        let priority = system::own_priority();
-        if std::mem::replace(&mut self.priority, priority) != priority {
-            // Where that is refused it is an ordinary thread, which is late at worst.
-            if priority > 0 {
-                system::hasten(self.thread_id, priority)
-            } else {
-                system::demote(self.thread_id)
-            };
-        }
-        let refused = self.jobs.try_send(job).err().map(TrySendError::into_inner);
+        let kept =
+            if self.is_as_urgent() { self.jobs.try_send(job).err().map(|refused| refused.into_inner()) } else { Some(job) };
         let other = meanwhile();
-        let made = match refused.or_else(|| self.untaken.try_recv().ok()) {
+        let made = match kept.or_else(|| self.untaken.try_recv().ok()) {
             Some(job) => job.done(),
-            // Who goes on after that has a maker in its midst that nobody knows the state of.
-            None => self.made.recv().unwrap_or_else(|_| panic!("the thread that makes models has died")),
+            // Who went on after that would have a maker that nobody knows the state of.
+            None => self.made.recv_timeout(WITHIN).unwrap_or_else(|error| panic!("the thread that makes models: {error}")),
         };
         (made, other)
+    }
+
+    /// Whether the thread has the caller's priority. One that has none is given nothing to do: on full cores it would be waited for as long as others have the
+    /// machine, and who sleeps for so long counts as one that hangs.
+    fn is_as_urgent(&mut self) -> bool {
+        let priority = system::own_priority();
+        if priority > 0 && priority != self.priority && system::hasten(self.thread_id, priority) {
+            self.priority = priority;
+        }
+        priority > 0 && priority == self.priority
     }
 }
 
@@ -104,32 +110,48 @@ mod tests {
         Workshop::open(&load_scene(None).unwrap(), Isa::detect()).unwrap()
     }
 
+    /// One whose thread the test stands for, as for a caller of this priority.
+    fn without_thread(priority: i32) -> (Modeller, Receiver<Job>, Sender<Made>) {
+        let ((jobs, untaken), (told, made)) = (bounded(1), bounded(1));
+        (Modeller { jobs, untaken: untaken.clone(), made, thread_id: 0, priority }, untaken, told)
+    }
+
     #[test]
     fn a_model_is_the_same_whoever_makes_it_and_a_job_that_nobody_begins_is_taken_back() {
         let (mut workshop, world) = opened();
         let (body, model) = (Arc::new(world.body.clone()), workshop.make(world.body.clone()).unwrap().model);
-        let mut modeller = Modeller::start();
-        for _ in 0..3 {
-            let Some(modeller) = &mut modeller else { return };
-            let (made, other) = modeller.both(Job::of(&workshop, &body), || 7);
-            assert!(made.unwrap().0 == model && other == 7);
+        let job = || Job::of(&workshop, &body);
+        let may_be_real_time = system::become_fifo(1);
+        let (mut never, untaken, told) = without_thread(system::own_priority());
+        let (made, other) = never.both(job(), || (untaken.len(), 7));
+        assert!(made.unwrap().0 == model && other == (usize::from(may_be_real_time), 7), "it is given, and taken back");
+        if may_be_real_time {
+            let begins = || told.send(untaken.recv().unwrap().done()).unwrap();
+            let (made, ()) = never.both(job(), begins);
+            assert!(made.unwrap().0 == model && told.is_empty(), "another has made it");
         }
-        // One that is never let run.
-        let ((jobs, untaken), (_told, made)) = (bounded(1), bounded(1));
-        let mut stopped = Modeller { jobs, untaken, made, thread_id: 0, priority: system::own_priority() };
-        let (made, _) = stopped.both(Job::of(&workshop, &body), || ());
-        assert!(made.unwrap().0 == model);
+        if let Some(mut modeller) = Modeller::start() {
+            for _ in 0..3 {
+                assert!(modeller.both(job(), || ()).0.unwrap().0 == model);
+            }
+        }
+        system::demote(0);
+        let (made, given) = never.both(job(), || untaken.len());
+        assert!(made.unwrap().0 == model && given == 0, "an ordinary thread does all by itself");
         workshop.modeller = None;
         assert!(workshop.make_sound(world.body, None, &mut || ()).unwrap().model == model);
     }
 
     #[test]
-    #[should_panic(expected = "has died")]
     fn who_waits_for_one_that_dies_does_too() {
+        if !system::become_fifo(1) {
+            return; // an ordinary thread waits for none
+        }
         let (workshop, world) = opened();
-        let ((jobs, untaken), (told, made)) = (bounded(1), bounded::<Made>(1));
-        let taken = untaken.clone();
-        let mut dying = Modeller { jobs, untaken, made, thread_id: 0, priority: system::own_priority() };
-        let _ = dying.both(Job::of(&workshop, &Arc::new(world.body.clone())), || drop((taken.recv(), told)));
+        let (mut dying, untaken, told) = without_thread(1);
+        let body = Arc::new(world.body);
+        let dies = || dying.both(Job::of(&workshop, &body), || drop((untaken.recv(), told))).1;
+        let said = std::panic::catch_unwind(std::panic::AssertUnwindSafe(dies)).unwrap_err();
+        assert!(said.downcast_ref::<String>().is_some_and(|said| said.contains("that makes models")), "{said:?}");
     }
 }

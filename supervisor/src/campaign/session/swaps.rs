@@ -157,6 +157,7 @@ mod tests {
             binaries: "/arms/second".into(),
             slots: vec!["fluid:0".into()],
             swapped: BTreeMap::new(),
+            state_bytes: 0,
             end_tick: None,
             faults: Vec::new(),
         };

@@ -171,7 +171,7 @@ impl Supervisor {
         if let Some(effort) = &trial.effort {
             let read = effort.read(system::now_ns(), steps, stalled_ns);
             if gives_back {
-                trial.tenures.give_back(read);
+                trial.tenures.give_back();
             } else {
                 trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
             }

@@ -58,6 +58,9 @@ impl Supervisor {
         let actions = policy::step(system::now_ns(), Event::Parted { incarnation, reason }, &mut self.policy);
         if !actions.is_empty() {
             self.note_step(text);
+            if let Some(trial) = &mut self.trial {
+                trial.has_parted = true;
+            }
         }
         self.act(actions);
     }

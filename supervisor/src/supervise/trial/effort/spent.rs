@@ -106,10 +106,10 @@ pub(in crate::supervise::trial) struct Tenures {
     pub(super) led: Option<Spent>,
     /// The books at the beginning of the present one.
     since: Option<Spent>,
-    /// What was spent in those that are over, and how many of them it lost.
+    /// What was spent in those that it lost, and how many these were.
     over: Spent,
     pub(super) count: u64,
-    /// What was spent at the ends of these, while it lost the role.
+    /// What was spent at their ends, while it lost the role.
     ends: Spent,
 }
 
@@ -126,11 +126,9 @@ impl Tenures {
         }
     }
 
-    /// The newcomer has given the role back for a while, as it was told to: it was in time, and lost nothing.
-    pub(super) fn give_back(&mut self, read: Spent) {
-        if let Some(since) = self.since.take() {
-            self.over = self.over.and(&read.less(&since));
-        }
+    /// The newcomer has given the role back for a while, as it was told to: a time that tells neither for it nor against it.
+    pub(super) fn give_back(&mut self) {
+        self.since = None;
     }
 
     /// Whether the newcomer lost the role to the machine, and not by itself: it was in time for long, or kept off its core, in all of its tenures or at their
@@ -203,21 +201,24 @@ mod tests {
 
     /// A tissue had the role again and again in the pauses of a hand that cut, some of them a millisecond long, and was blamed for the fourth that it lost.
     #[test]
-    fn a_time_after_which_it_gave_the_role_back_is_none_that_it_lost_and_its_steps_count() {
-        let missed = |gives_back: bool| {
+    fn a_time_after_which_it_gave_the_role_back_is_none_that_it_lost() {
+        let old = at(200, 12, 0, 200);
+        let is_excused = |given_back: &Spent, lost: &Spent| {
             let mut tenures = Tenures::default();
             for _ in 0..20 {
                 tenures.note(true, Spent::default(), None);
-                let read = spent(2, 0, 30);
-                if gives_back { tenures.give_back(read) } else { tenures.note(false, read, None) }
+                if given_back.steps == 0 { tenures.note(false, *given_back, None) } else { tenures.give_back() }
             }
             for _ in 0..4 {
                 tenures.note(true, Spent::default(), None);
-                tenures.note(false, spent(1, 0, 1), None);
+                tenures.note(false, *lost, None);
             }
-            (tenures.count, tenures.ends.steps, !tenures.were_cut_short(&at(200, 12, 0, 200)))
+            (tenures.count, tenures.were_cut_short(&old))
         };
-        assert_eq!([true, false].map(missed), [(4, 4, false), (24, 604, true)]);
+        let (long, none, own) = (at(300, 18, 0, 300), at(1, 0, 0, 0), at(30, 2, 0, 5));
+        assert_eq!(is_excused(&long, &at(200, 12, 0, 180)), (4, true), "in time, until it lost the role");
+        assert_eq!(is_excused(&long, &own), (4, false), "however long it had it before it gave it back");
+        assert_eq!(is_excused(&none, &at(200, 12, 0, 180)), (24, false), "as if it had lost each");
     }
 
     #[test]
