@@ -62,8 +62,6 @@ const STOP_NS: u64 = 4_000_000_000;
 pub const NEEDED_BYTES: u64 = 608 << 20;
 /// Bytes of the nodes and the surface in a state of the default scene.
 const DEFAULT_STATE_BYTES: u64 = 41_000;
-/// Tissues that there may be at a time: two, and one that follows one of them.
-const TISSUES: u64 = 3;
 /// What each further byte of a tissue's nodes and surface takes in three tissues, calculated likewise: 3 054 (`three-polyps.toml`) as long as half of a
 /// mesh is less than the least room for what is cut, 4 700 where there are five tets for a node and that half is more.
 const EACH_STATE_BYTE: u64 = 5_000;
@@ -73,9 +71,9 @@ pub fn needed_bytes(state_bytes: u64) -> u64 {
     NEEDED_BYTES + EACH_STATE_BYTE * state_bytes.saturating_sub(DEFAULT_STATE_BYTES)
 }
 
-/// What one tissue whose state has this length needs there beyond what one of the default scene does.
+/// What one of the three tissues that there may be needs there beyond what it does in the default scene.
 pub fn more_bytes_of_tissue(state_bytes: u64) -> u64 {
-    (needed_bytes(state_bytes) - NEEDED_BYTES) / TISSUES
+    (needed_bytes(state_bytes) - NEEDED_BYTES) / 3
 }
 
 struct Guardian {

@@ -34,6 +34,9 @@ const MEMORY: f64 = 0.99;
 const MOST_SAVED_NS: f64 = 20e6;
 /// So much that is lacking is remembered, ns: one step that took very long is no reason to leave many periods.
 const MOST_OWED_NS: f64 = 3e6;
+/// Periods that are left in a row, at most. Where others have nearly all of the core, what is left is theirs and never enough: a newcomer that had waited behind
+/// the holder's steps on one core left 50 periods in a row on the other, in which it had the role, and lost it for that (2-core VM, 2026-11-29).
+const MOST_IN_A_ROW: u32 = 8;
 /// How often the sentinel runs where it may, ns.
 const LOOK_NS: u64 = 20_000_000;
 /// Ordinary threads that have not run on a core for so long are starved, ns.
@@ -60,6 +63,8 @@ pub struct Room {
     saved_ns: f64,
     /// The last period was left because ordinary threads were starved.
     left: bool,
+    /// Periods in a row that were left, up to now.
+    row: u32,
     /// Where the kernel says what the calling thread has had.
     ledger: Option<File>,
     sentinel: Option<Sentinel>,
@@ -101,7 +106,14 @@ impl Room {
         self.woken_ns = now_ns;
         let starved = self.sentinel.as_ref().is_some_and(|sentinel| sentinel.is_starved(now_ns));
         self.left = starved && !self.left;
-        self.left || self.saved_ns < 0.0
+        let leaves = self.left || self.saved_ns < 0.0 && self.row < MOST_IN_A_ROW;
+        self.row = if leaves { self.row + 1 } else { 0 };
+        leaves
+    }
+
+    /// The thread has another core from now on, on which others may have less or more.
+    pub fn moves(&mut self) {
+        self.lately_ns = [0.0; 2];
     }
 
     /// The turn that began with the last wake-up has ended: from now on nobody works for the thread.
@@ -204,6 +216,23 @@ mod tests {
         assert!((430..=480).contains(&left([0.44, 0.44])), "{}", left([0.44, 0.44]));
         let all = left([0.50, 0.50]);
         assert!((1_560..=1_640).contains(&all), "{all}");
+    }
+
+    #[test]
+    fn who_waited_for_nearly_all_of_a_core_is_not_kept_from_his_turns_by_that() {
+        let rows = |moves: bool| {
+            let mut thread = Thread::of(Room::default());
+            thread.run(1_000, [0.05, 0.95]);
+            if moves {
+                thread.room.moves();
+            }
+            let left: Vec<usize> = (0..500).map(|_| thread.run(1, [0.6, 0.0])).collect();
+            let longest = left.split(|left| *left == 0).map(<[usize]>::len).max();
+            (longest.unwrap_or(0), left.iter().sum::<usize>())
+        };
+        let ((longest, left), (longest_moved, left_moved)) = (rows(false), rows(true));
+        assert_eq!(longest, MOST_IN_A_ROW as usize, "{left} of 500");
+        assert!(longest_moved <= longest && left_moved < left, "{longest_moved} in a row, {left_moved} beside {left}");
     }
 
     #[test]

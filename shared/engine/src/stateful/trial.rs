@@ -196,7 +196,7 @@ impl<S: Stateful> Loop<'_, S> {
     }
 
     /// A guest does not compute where the holder does: both are to be in time.
-    pub(super) fn stand_apart(&self) {
+    pub(super) fn stand_apart(&mut self) {
         if !self.is_guest() || self.life.page.load64(header::REAL_TIME) & 4 == 0 {
             return;
         }
@@ -205,6 +205,9 @@ impl<S: Stateful> Loop<'_, S> {
         let own = realtime::core(self.life.slot, cores);
         if let Some((taken, own)) = slot.and_then(|slot| realtime::core(slot, cores)).zip(own) {
             system::pin_to_core(if own == taken { (taken + 1) % cores } else { own });
+            if let Some(room) = &mut self.room {
+                room.moves();
+            }
         }
     }
 
