@@ -165,8 +165,9 @@ fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
     let text = std::fs::read_to_string(station.settings()).unwrap_or_default();
     let known: Option<Settings> = toml::from_str(&text).ok();
     let known = known.map(|known| as_wanted(known, wanted));
-    // What was swapped meanwhile stays so, whoever keeps the station.
-    let begun = Plan::read(station).ok().map(|known| Plan { swapped: plan.swapped.clone(), ..known });
+    // What was swapped meanwhile stays so, whoever keeps the station; how long a state is follows from the scene.
+    let begun = Plan::read(station).ok();
+    let begun = begun.map(|known| Plan { swapped: plan.swapped.clone(), state_bytes: plan.state_bytes, ..known });
     // A case that was edited since is another one.
     let is_same_case =
         wanted.case.is_none_or(|case| std::fs::read_to_string(station.case()).is_ok_and(|text| text == case.settled.text));

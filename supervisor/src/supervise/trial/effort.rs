@@ -7,7 +7,7 @@ use super::super::Supervisor;
 use super::Trial;
 use crate::policy::{Cause, Reason};
 use crate::proc::ThreadFiles;
-use hyst_exchange::system;
+use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
 pub(super) use spent::{KEPT_OFF_FOR_LATE, Spent, Tenures};
@@ -29,6 +29,21 @@ fn ran_and_waited_ns(files: &ThreadFiles, role: Role) -> Option<(u64, u64)> {
     if role == Role::Rendering { files.all_ran_and_waited_ns() } else { files.ran_and_waited_ns() }
 }
 
+/// What a process has made so far, as its page says.
+#[derive(Clone, Copy, Debug, Default)]
+struct Made {
+    steps: u64,
+    /// Steps that it left to ordinary threads, which had too little of its core.
+    left: u64,
+}
+
+impl Made {
+    /// The time for which it was kept from its steps so.
+    fn left_ns(self) -> u64 {
+        self.left.saturating_mul(TICK_NS)
+    }
+}
+
 /// The books of one process, kept while it is on trial.
 #[derive(Debug)]
 pub(super) struct Effort {
@@ -44,22 +59,22 @@ impl Effort {
         ThreadFiles::open(process).map(|files| Effort { files, role, entries: VecDeque::with_capacity(MOST_ENTRIES) })
     }
 
-    /// Reads the books: `steps` are those that the process has made so far, `stalled_ns` the time for which the host has stood still. A kernel that keeps no
-    /// books excuses nobody; the steps count all the same.
-    fn read(&self, now_ns: u64, steps: u64, stalled_ns: u64) -> Spent {
+    /// Reads the books: beside what the process's page says, `stalled_ns` is the time for which the host has stood still. A kernel that keeps no books excuses
+    /// nobody; the steps count all the same.
+    fn read(&self, now_ns: u64, page: Made, stalled_ns: u64) -> Spent {
         let (ran_ns, waited_ns) = ran_and_waited_ns(&self.files, self.role).unwrap_or((0, 0));
-        Spent { passed_ns: now_ns, ran_ns, waited_ns, steps, stalled_ns }
+        Spent { passed_ns: now_ns, ran_ns, waited_ns: waited_ns + page.left_ns(), steps: page.steps, stalled_ns }
     }
 
     /// Makes an entry of what is read now, unless the last one is young.
-    fn enter(&mut self, now_ns: u64, steps: u64, stalled_ns: u64) {
+    fn enter(&mut self, now_ns: u64, page: Made, stalled_ns: u64) {
         if self.entries.back().is_some_and(|last| now_ns.saturating_sub(last.passed_ns) < ENTRY_NS) {
             return;
         }
         if self.entries.len() == MOST_ENTRIES {
             self.entries.pop_front();
         }
-        self.entries.push_back(self.read(now_ns, steps, stalled_ns));
+        self.entries.push_back(self.read(now_ns, page, stalled_ns));
     }
 
     /// What was spent since a time, or the last entry before it; `None` if the books do not reach back so far.
@@ -127,19 +142,25 @@ impl Trial {
 impl Supervisor {
     /// What the process in a slot has spent since its start; nothing if it is too young for that to tell anything.
     pub(super) fn spent_by(&mut self, slot: Slot) -> Spent {
-        let steps = self.steps_of(slot);
+        let made = self.made_by(slot);
         let pid = self.viewer.page().pid(slot);
         // Since its start and not since it was seen to be ready: a supervisor that is restarted sees that late.
         let start_ns = system::process_start(pid).map_or(u64::MAX, system::started_ns);
         let passed_ns = system::now_ns().saturating_sub(start_ns);
         let spent = ThreadFiles::open(pid).and_then(|files| ran_and_waited_ns(&files, slot.role()));
         let (ran_ns, waited_ns) = spent.unwrap_or((0, 0));
-        if passed_ns < RATE_NS { Spent::default() } else { Spent { passed_ns, ran_ns, waited_ns, steps, stalled_ns: 0 } }
+        let spent = Spent { passed_ns, ran_ns, waited_ns: waited_ns + made.left_ns(), steps: made.steps, stalled_ns: 0 };
+        if passed_ns < RATE_NS { Spent::default() } else { spent }
     }
 
     /// Steps that the process in a slot has made, as its page says.
     pub(in crate::supervise) fn steps_of(&mut self, slot: Slot) -> u64 {
-        self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS))
+        self.made_by(slot).steps
+    }
+
+    fn made_by(&mut self, slot: Slot) -> Made {
+        let read = |page: &ReadPage| Made { steps: page.load64(header::STEPS), left: page.load64(header::LEFT) };
+        self.viewer.slot_page(slot).map_or(Made::default(), read)
     }
 
     /// Makes an entry in the books of the newcomer, and of the one that had the role before and works beside it.
@@ -149,15 +170,15 @@ impl Supervisor {
         let beside = self.slots.iter().copied().find(|slot| self.viewer.page().incarnation(*slot) == incumbent);
         let beside = beside.filter(|_| role.is_replicated());
         let stalled_ns = self.stalled_ns();
-        let [own, beside] = [own, beside].map(|slot| slot.map(|slot| (self.steps_of(slot), self.viewer.page().pid(slot))));
+        let [own, beside] = [own, beside].map(|slot| slot.map(|slot| (self.made_by(slot), self.viewer.page().pid(slot))));
         let Some(trial) = &mut self.trial else { return };
         for (effort, found) in [(&mut trial.effort, own), (&mut trial.beside, beside)] {
-            let Some((steps, pid)) = found else { continue };
+            let Some((made, pid)) = found else { continue };
             if effort.is_none() {
                 *effort = Effort::of(pid, role);
             }
             if let Some(effort) = effort {
-                effort.enter(now_ns, steps, stalled_ns);
+                effort.enter(now_ns, made, stalled_ns);
             }
         }
     }
@@ -165,11 +186,11 @@ impl Supervisor {
     /// The newcomer has the role, or has lost it, or has given it back.
     pub(super) fn note_role(&mut self, holds: bool, gives_back: bool) {
         let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
-        let (steps, stalled_ns) = (self.steps_of(slot), self.stalled_ns());
+        let (made, stalled_ns) = (self.made_by(slot), self.stalled_ns());
         let Some(trial) = &mut self.trial else { return };
         let loss_ns = trial.old_engine().loss_ns();
         if let Some(effort) = &trial.effort {
-            let read = effort.read(system::now_ns(), steps, stalled_ns);
+            let read = effort.read(system::now_ns(), made, stalled_ns);
             if gives_back {
                 trial.tenures.give_back();
             } else {
@@ -297,12 +318,14 @@ mod tests {
     fn the_books_of_a_living_process_say_what_it_ran_between_two_entries() {
         let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
         let begun_ns = system::now_ns();
-        effort.enter(begun_ns, 7, MS);
-        effort.enter(begun_ns + 1, 8, MS);
+        let made = |steps: u64, left: u64| Made { steps, left };
+        effort.enter(begun_ns, made(7, 0), MS);
+        effort.enter(begun_ns + 1, made(8, 0), MS);
         assert_eq!(effort.entries.len(), 1, "too soon");
-        effort.enter(begun_ns + ENTRY_NS, 9, 3 * MS);
+        effort.enter(begun_ns + ENTRY_NS, made(9, 50), 3 * MS);
         let spent = effort.since(begun_ns + 5).unwrap();
         assert_eq!((spent.passed_ns, spent.steps, spent.stalled_ns), (ENTRY_NS, 2, 2 * MS));
+        assert!(spent.waited_ns >= 50 * MS, "steps that it left to others kept it from them: {spent:?}");
         assert_eq!(effort.since(begun_ns - 1), None, "before the first entry");
         assert_eq!(effort.lately(begun_ns - 1), Some(spent), "as far as they go");
         assert_eq!(effort.before(begun_ns + 5).map(|entry| entry.steps), Some(7));
