@@ -130,7 +130,7 @@ pub struct Workshop {
     maker: Arc<Mutex<ModelMaker>>,
     faces: TopologyMaker,
     first_substeps: u32,
-    /// Who makes models on another core, once something was cut.
+    /// Who makes models on another core where something is cut.
     modeller: Option<Modeller>,
 }
 

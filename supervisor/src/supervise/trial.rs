@@ -275,10 +275,12 @@ impl Supervisor {
                 trial.compared.1 = trial.compared.0;
             }
             self.note_step(HAS_THE_ROLE);
-            self.note_role(true, false);
+            self.note_role(true);
         } else if self.is_newcomer(before) {
-            let gives_back = self.policy.swap().is_some_and(policy::Swap::is_given_back);
-            self.note_role(false, gives_back);
+            match &mut self.trial {
+                Some(trial) if self.policy.swap().is_some_and(policy::Swap::is_given_back) => trial.tenures.give_back(),
+                _ => self.note_role(false),
+            }
             self.note_step(&format!("{} went from it to incarnation {now}", role.name()));
         }
     }

@@ -80,7 +80,7 @@ struct Pairs {
     role: (u32, u64),
     line: u64,
     leapt: Option<u64>,
-    /// One side has leapt since the newest pair of which both states were made of one, in the shadow.
+    /// One side has leapt since both went on from one state: in the shadow, or as the newcomer took the role.
     has_leapt: bool,
     /// The newest steps of the old engine and of the newcomer, ticks; states of that in a row by which they differed; whether both had a state of one tick.
     steps: [u32; 2],

@@ -193,8 +193,7 @@ impl Press {
     fn pose(&self, tick: usize) -> Pose {
         let world = &self.shared.world;
         let pose = self.hand.as_ref().map_or(world.case.rest, |hand| hand.pose_at(tick as f64 * f64::from(DT_S)));
-        let position_m = pose.tip_m(world.case.pivot_m);
-        Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() }
+        world.case.pose_of(&pose)
     }
 
     /// One period of the hand from where the tissue is, or as much of it as fits into the time.

@@ -13,6 +13,7 @@ use crate::site::MAX_OBJECTS;
 use crate::tool::Tool;
 use hyst_engine::Failure;
 use hyst_mesh::{component_count, component_of_each_tet};
+use hyst_messages::Pose;
 use hyst_messages::stream::{ObjectKind, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene};
 
@@ -69,6 +70,12 @@ impl Case {
         self.room.named = body.origin.len();
         self.closing.know(body);
         Ok(())
+    }
+
+    /// Where the instrument is as a hand of the scene has it.
+    pub fn pose_of(&self, pose: &hyst_scene::Pose) -> Pose {
+        let position_m = pose.tip_m(self.pivot_m);
+        Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() }
     }
 
     /// The object of the scene that an object is, or was a part of.

@@ -15,7 +15,7 @@ use parking_lot::Mutex;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a model may take that has been begun: far longer than any does. Who waits for so long is taken for one that hangs long before.
+/// How long the thread may take to begin, and a model that has been begun: far longer than any does. Who waits for so long is taken for one that hangs long before.
 const WITHIN: Duration = Duration::from_secs(5);
 /// Stack of the thread, bytes: locked memory is brought in whole.
 const STACK_BYTES: usize = 512 << 10;
@@ -73,7 +73,7 @@ impl Modeller {
             }
         };
         std::thread::Builder::new().name("modeller".into()).stack_size(STACK_BYTES).spawn(body).ok()?;
-        Some(Modeller { jobs, untaken, made, thread_id: named.recv().ok()?, priority: 0 })
+        Some(Modeller { jobs, untaken, made, thread_id: named.recv_timeout(WITHIN).ok()?, priority: 0 })
     }
 
     /// Has it do a job, and does something else meanwhile; and then the job, too, if it has not begun it.

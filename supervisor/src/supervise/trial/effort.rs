@@ -183,19 +183,15 @@ impl Supervisor {
         }
     }
 
-    /// The newcomer has the role, or has lost it, or has given it back.
-    pub(super) fn note_role(&mut self, holds: bool, gives_back: bool) {
+    /// The newcomer has the role, or has lost it.
+    pub(super) fn note_role(&mut self, holds: bool) {
         let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
         let (made, stalled_ns) = (self.made_by(slot), self.stalled_ns());
         let Some(trial) = &mut self.trial else { return };
         let loss_ns = trial.old_engine().loss_ns();
         if let Some(effort) = &trial.effort {
             let read = effort.read(system::now_ns(), made, stalled_ns);
-            if gives_back {
-                trial.tenures.give_back();
-            } else {
-                trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
-            }
+            trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
         }
     }
 

@@ -150,8 +150,7 @@ fn a_wall_that_is_pressed_and_does_not_fold_is_the_same_to_the_bit() {
     let [mut seen, mut unseen] = [first_state(&mut seeing), first_state(&mut blind)];
     for tick in 1..=HAND {
         let pose = hand.pose_at(tick as f64 * 1e-3);
-        let position_m = pose.tip_m(seeing.world.case.pivot_m);
-        let pose = Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() };
+        let pose = seeing.world.case.pose_of(&pose);
         seen = stepped(&mut seeing, &pages[1], &seen, tick, pose, PieceFlow::default());
         unseen = stepped(&mut blind, &pages[1], &unseen, tick, pose, PieceFlow::default());
         assert!(seen == unseen, "the states of tick {tick} differ");

@@ -17,8 +17,7 @@ fn a_hand_that_presses_has_the_tets_near_it_looked_for_in_few_of_the_steps() {
     let (mut now, mut met) = (first_state(&mut main), 0);
     for tick in 1..=TICKS {
         let pose = hand.pose_at(0.25 * hand.period_s + 1e-3 * tick as f64);
-        let position_m = pose.tip_m(main.world.case.pivot_m);
-        let pose = Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() };
+        let pose = main.world.case.pose_of(&pose);
         now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
         met += usize::from(!main.collision.hits().is_empty());
     }

@@ -24,8 +24,7 @@ fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
     let hand = scene.hand("press").unwrap();
     let tip_at = |share: f64| {
         let pose = hand.pose_at(0.5 * hand.period_s * share);
-        let position_m = pose.tip_m(main.world.case.pivot_m);
-        Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() }
+        main.world.case.pose_of(&pose)
     };
     let steps = 200;
     let places: Vec<Vec3> = (0..=steps).map(|step| tip_at(f64::from(step) / f64::from(steps)).position_m.into()).collect();

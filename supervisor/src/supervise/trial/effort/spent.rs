@@ -127,7 +127,7 @@ impl Tenures {
     }
 
     /// The newcomer has given the role back for a while, as it was told to: a time that tells neither for it nor against it.
-    pub(super) fn give_back(&mut self) {
+    pub(in crate::supervise::trial) fn give_back(&mut self) {
         self.since = None;
     }
 
