@@ -27,7 +27,7 @@ pub struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run a station in the foreground until Ctrl-C, `hystation stop`, or the end of --for.
+    /// Run a station in the foreground until Ctrl-C, `hystation stop`, the end of --for, or with --until-end that of the case.
     Run(Box<RunArgs>),
     /// Show the processes of a running station.
     Status {
@@ -216,8 +216,8 @@ pub struct StationArgs {
     /// A setting; may be given again and again. An unknown key lists those that there are.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Folder of the engines' binaries; default: that of this program.
-    #[arg(long, hide = true)]
+    /// Folder of the engines' binaries, for a station of another build. Default: that of this program.
+    #[arg(long, value_name = "FOLDER")]
     pub binaries: Option<PathBuf>,
 }
 

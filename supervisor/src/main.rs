@@ -1,5 +1,5 @@
 //! `hystation`: reads the command line, does it, gives the exit code: 0 good, 1 failed or a promise broken, 2 bad arguments or input,
-//! 3 finished but data or a process was lost.
+//! 3 finished or interrupted, and something was lost or is not known.
 
 use clap::Parser;
 use hystation::cli::Cli;

@@ -256,4 +256,6 @@ fn a_shared_memory_that_is_full_for_two_seconds_applies_no_wrong_force_and_who_d
     assert_over(&report, "shm-full", &said);
     let kill = report["faults"].as_array().and_then(|all| all.iter().find(|fault| fault["kind"] == "kill")).expect("the kill");
     assert!(kill["recovered_us"].is_number(), "{kill:#}\n{said}");
+    let is_refused = |line: &str| line.contains("cannot start fluid:") && line.contains(" MiB free, and it takes 40; ");
+    assert!(said.lines().any(is_refused), "nobody is started into a memory that is full\n{said}");
 }

@@ -7,10 +7,12 @@
 
 use crate::loan::Loan;
 use crate::station::Station;
+use crate::system;
 use hyst_messages::{Kind, Role, layout_hash};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use std::path::PathBuf;
 
 type Variant = ipc_threadsafe::Service;
 type Factory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Variant, [u64], ()>;
@@ -25,6 +27,8 @@ pub const MAX_READERS: usize = 15;
 pub const MAX_LOANS: usize = 2;
 /// Nodes that may open one service.
 pub const MAX_NODES: usize = 40;
+/// Room in shared memory that must be there before a reader or a client is opened, bytes: that takes some pages of it, and who touches one that there is not dies.
+const LEAST_ROOM: u64 = 1 << 20;
 
 /// Why a link cannot be had or used. The library's reason is part of the message.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +48,14 @@ pub enum LinkError {
         name: String,
         /// The library's reason.
         reason: String,
+    },
+    /// Shared memory is too full for whoever reads or asks to begin with that.
+    #[error("{name}: /dev/shm has {} KiB free, and it takes {}; look at `df /dev/shm`", free >> 10, LEAST_ROOM >> 10)]
+    Room {
+        /// The service.
+        name: String,
+        /// What there is.
+        free: u64,
     },
     /// A loan, a send or a receive failed.
     #[error("stream {name}: {action} failed: {reason}")]
@@ -88,6 +100,8 @@ impl Quality {
 pub struct Links {
     node: Node<Variant>,
     station: String,
+    /// The folder of its pages, which lies in the file system of the segments.
+    root: PathBuf,
     workers: usize,
 }
 
@@ -120,7 +134,7 @@ impl Links {
             .create::<Variant>()
             .map_err(|e| configuration(format!("{e:?}")))?;
         let workers = station.open().map_or(0, |page| page.workers());
-        Ok(Links { node, station: station.name().to_string(), workers })
+        Ok(Links { node, station: station.name().to_string(), root: station.root().to_path_buf(), workers })
     }
 
     /// Name of a service: station, role, incarnation, kind and layout. Another layout is another name, so it is never opened.
@@ -181,9 +195,18 @@ impl Links {
         Ok(Publisher { inner, name, bytes, _factory: factory })
     }
 
-    /// Opens a reader of a service; not on a real-time thread.
+    /// Looks for room for one who begins to read or to ask. A system that does not say how much there is has enough.
+    pub(crate) fn look_for_room(&self, name: &str) -> Result<(), LinkError> {
+        match system::free_bytes(&self.root) {
+            Ok(free) if free < LEAST_ROOM => Err(LinkError::Room { name: name.to_string(), free }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Opens a reader of a service, if there is room for it; not on a real-time thread.
     pub fn subscriber(&self, role: Role, incarnation: u32, kind: Kind) -> Result<Subscriber, LinkError> {
         let name = self.service_name(role, incarnation, kind);
+        self.look_for_room(&name)?;
         let factory = self.open_service(&name, kind)?;
         let inner = factory
             .subscriber_builder()

@@ -27,9 +27,6 @@ const PAGES_STACK: usize = 256 << 10;
 /// How often it looks otherwise, ns; a change of the slots wakes it at once.
 const IDLE_NS: u64 = 20_000_000;
 
-/// Room in shared memory that must be there before a stream or a client is opened, bytes: that takes some pages of it, and who touches one that there is not dies.
-const LEAST_ROOM: u64 = 1 << 20;
-
 /// Steps that it stands ahead of its process's other ordinary threads: it runs rarely, and until it did nobody hears what a newcomer says.
 const AHEAD: i32 = 10;
 
@@ -147,12 +144,12 @@ struct Desk {
 }
 
 /// Makes the port of a guest whose page is open; `Ok(None)` if it is not ready for it, or there is no room, `Err` if it never will be.
-fn connect_port(guest: &mut Guest, links: Option<&Links>, has_room: impl FnOnce() -> bool) -> Result<Option<Arrival>, ()> {
+fn connect_port(guest: &mut Guest, links: Option<&Links>) -> Result<Option<Arrival>, ()> {
     let Some(page) = &guest.page else { return Ok(None) };
     let (slot, incarnation, role) = (guest.slot, guest.incarnation, guest.slot.role());
     let port = match guest.wanted {
         Wanted::Page => guest.page.take().map(Port::Page),
-        _ if page.load32(header::PORTS_OPEN) == 0 || !has_room() => None,
+        _ if page.load32(header::PORTS_OPEN) == 0 => None,
         Wanted::Stream(kind) => {
             let subscriber = links.ok_or(())?.subscriber(role, incarnation, kind).ok();
             subscriber.filter(|subscriber| subscriber.connect().is_ok()).map(|subscriber| Port::Stream(kind, subscriber))
@@ -232,9 +229,9 @@ impl Desk {
 
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
-    let (segments, mut touched, root) = (station.prefix(), Touched::default(), station.root().to_path_buf());
+    let (segments, mut touched) = (station.prefix(), Touched::default());
     start(station, me, interests, Manner::default(), move |guest| {
-        let arrival = connect_port(guest, links.as_ref(), || system::free_bytes(&root).map_or(true, |free| free >= LEAST_ROOM));
+        let arrival = connect_port(guest, links.as_ref());
         if matches!(&arrival, Ok(Some(Arrival { port: Port::Stream(..), .. }))) {
             touched.touch_new(&segments, ".data");
         }

@@ -90,6 +90,7 @@ impl Links {
     /// Opens a client of a rendezvous.
     pub fn client(&self, role: Role, incarnation: u32, kind: Kind) -> Result<ProcessClient, LinkError> {
         let name = self.service_name(role, incarnation, kind);
+        self.look_for_room(&name)?;
         let factory = self.open_rendezvous(&name)?;
         let inner = factory
             .client_builder()

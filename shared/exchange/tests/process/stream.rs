@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use hyst_exchange::stream::{MAX_HELD, READER_BUFFER};
-use hyst_exchange::{Held, LinkError, Links, Station};
+use hyst_exchange::{Held, LinkError, Links, Station, system};
 use hyst_messages::{Kind, Role, layout_hash};
 use iceoryx2::prelude::*;
 
@@ -182,4 +182,37 @@ fn services_whose_creator_was_killed_are_there_for_whoever_opens_them_one_after_
         assert!(job.is_ok(), "{:?}", job.err());
         links.clean_up_dead();
     });
+}
+
+/// Who touches memory that there is not dies of it, and it would be whoever connects while others fill it.
+#[test]
+fn where_shared_memory_is_full_nobody_begins_to_read_or_to_ask_and_where_it_is_free_again_everybody_may() {
+    const FILLED: &str = "/dev/shm/others";
+    isolated_in(
+        where_shared_memory_is_full_nobody_begins_to_read_or_to_ask_and_where_it_is_free_again_everybody_may,
+        64,
+        |station| {
+            let links = join(station);
+            let _stream = links.create_service(Role::Tissue, 1, KIND).unwrap();
+            let _rendezvous = links.create_rendezvous(Role::Tissue, 1, Kind::Appearance).unwrap();
+            let _writer = links.publisher(Role::Tissue, 1, KIND, 64).unwrap();
+            let _server = links.server(Role::Tissue, 1, Kind::Appearance).unwrap();
+            let refused = || {
+                let reader = links.subscriber(Role::Tissue, 1, KIND).err();
+                [reader, links.client(Role::Tissue, 1, Kind::Appearance).err()].map(|error| error.map(|error| error.to_string()))
+            };
+            assert_eq!(refused(), [None, None]);
+            let free = system::free_bytes(station.root()).unwrap();
+            let others = std::fs::File::create(FILLED).unwrap();
+            let half_mib = 1 << 19;
+            rustix::fs::fallocate(&others, rustix::fs::FallocateFlags::empty(), 0, free - half_mib).unwrap();
+            for (said, kind) in refused().into_iter().zip([KIND, Kind::Appearance]) {
+                let name = links.service_name(Role::Tissue, 1, kind);
+                assert_eq!(said, Some(format!("{name}: /dev/shm has 512 KiB free, and it takes 1024; look at `df /dev/shm`")));
+            }
+            std::fs::remove_file(FILLED).unwrap();
+            drop(others);
+            assert_eq!(refused(), [None, None]);
+        },
+    );
 }

@@ -28,7 +28,25 @@ impl Drop for Wiped {
 
 /// Runs the body of `test` in a process of its own, with a newly founded station, and asserts that wiping leaves nothing behind: the
 /// configuration of iceoryx2 is global to a process, and so are file descriptors.
-pub fn isolated<T>(_test: T, body: impl FnOnce(&Station)) {
+pub fn isolated<T>(test: T, body: impl FnOnce(&Station)) {
+    isolated_after(test, &[], body);
+}
+
+/// The same with a /dev/shm of its own, of so many MiB. Nothing is tried where that needs rights that are not there.
+pub fn isolated_in<T>(test: T, mib: u32, body: impl FnOnce(&Station)) {
+    let mount = format!("mount -t tmpfs -o size={mib}m small /dev/shm");
+    let own = |then: &str| ["unshare", "-m", "sh", "-c", &format!("{mount} && {then}")].map(String::from);
+    let is_inner = std::env::var_os(INNER).is_some();
+    let may = || Command::new("unshare").args(&own("true")[1..]).output().is_ok_and(|tried| tried.status.success());
+    if is_inner || may() {
+        isolated_after(test, &own("exec \"$0\" \"$@\""), body);
+    } else {
+        assert!(!rustix::process::geteuid().is_root(), "root may mount a file system");
+    }
+}
+
+/// `before`: what is started with the test's own command behind it, and becomes that.
+fn isolated_after<T>(_test: T, before: &[String], body: impl FnOnce(&Station)) {
     let path = std::any::type_name::<T>();
     let name = path.split_once("::").expect("a path").1;
     if std::env::var(INNER).is_ok_and(|inner| inner == name) {
@@ -45,7 +63,6 @@ pub fn isolated<T>(_test: T, body: impl FnOnce(&Station)) {
         assert_eq!(station.0.leftovers(), Vec::<std::path::PathBuf>::new());
         return;
     }
-    let mut inner = Command::new(std::env::current_exe().unwrap());
     let child = inner
         .args(["--exact", name, "--nocapture", "--test-threads=1"])
         .env(INNER, name)
