@@ -63,6 +63,15 @@ fn isolated_after<T>(_test: T, before: &[String], body: impl FnOnce(&Station)) {
         assert_eq!(station.0.leftovers(), Vec::<std::path::PathBuf>::new());
         return;
     }
+    let own = std::env::current_exe().unwrap();
+    let mut inner = match before {
+        [] => Command::new(own),
+        [program, arguments @ ..] => {
+            let mut inner = Command::new(program);
+            inner.args(arguments).arg(own);
+            inner
+        }
+    };
     let child = inner
         .args(["--exact", name, "--nocapture", "--test-threads=1"])
         .env(INNER, name)
