@@ -18,6 +18,8 @@ pub struct Beside {
     pub excesses: Vec<f64>,
     /// Faults that tell nothing.
     pub void: usize,
+    /// Misses of the worst control.
+    worst_control: f64,
 }
 
 /// A moment: the station's tick, and its ledger so far.
@@ -60,13 +62,16 @@ impl Beside {
         } else {
             // The two end where a look happens to be: not quite as long.
             let scale = window.counted as f64 / control.counted.max(1) as f64;
-            self.excesses.push(window.missed as f64 - scale * control.missed as f64);
+            let control = scale * control.missed as f64;
+            self.excesses.push(window.missed as f64 - control);
+            self.worst_control = self.worst_control.max(control);
         }
     }
 
-    /// Fails if the faults of a kind cost more than so many misses each in the mean.
+    /// Fails if the faults of a kind cost more than so many misses each in the mean, or one of them more than the host explains.
     pub fn judge(&self, what: &str, allowed: f64, least: usize, station: &Station) {
         println!("{what}: {} windows are void; {:.1?}", self.void, self.excesses);
-        Promise { allowed, least }.judge(&format!("{what}, excess misses"), &self.excesses, || station.events());
+        let promise = Promise::of_ticks(allowed, least, self.worst_control);
+        promise.judge(&format!("{what}, excess misses"), &self.excesses, || station.events());
     }
 }

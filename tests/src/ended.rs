@@ -1,5 +1,6 @@
 //! How a station ended: its exit code, its report, its last words and its recording, and what holds of every one of them.
 
+use crate::shown::{Promise, not_shown};
 use hyst_messages::AppliedRecord;
 use hyst_recording::{Continuity, Recording};
 use serde_json::Value;
@@ -15,6 +16,18 @@ pub const STEP_MARGIN_N: f64 = 0.05;
 
 /// Share of a window that may be void: those ticks tell nothing of a fault.
 pub(crate) const MOST_VOID: f64 = 0.2;
+
+/// Ticks that a fault of the device may cost, for which nobody stands in: what the hardware holds and ramps a force for.
+const DEVICE_TICKS: f64 = 20.0;
+
+/// Share of its ticks that a control is taken to have lost for which no quiet time was as long as the fault.
+const LOST_WITHOUT_CONTROL: f64 = 0.01;
+
+/// Misses of a window; `None` where a stall of the host has voided a good part of it.
+fn missed(window: &Value) -> Option<f64> {
+    let (ticks, voided) = (window["ticks"].as_f64()?, window["voided"].as_f64()?);
+    window["missed"].as_f64().filter(|_| voided <= MOST_VOID * (ticks + voided))
+}
 
 /// How a station ended.
 pub struct Ended {
@@ -41,12 +54,29 @@ impl Ended {
         let of_role = |fault: &&Value| {
             fault["target"].as_str().and_then(|name| name.split(':').next()) == Some(role) && fault["active"] == active
         };
-        let missed = |window: &Value| -> Option<f64> {
-            let (ticks, voided) = (window["ticks"].as_f64()?, window["voided"].as_f64()?);
-            window["missed"].as_f64().filter(|_| voided <= MOST_VOID * (ticks + voided))
-        };
         let excess = |fault: &Value| Some(missed(&fault["window"])? - missed(&fault["control"])?);
         self.report["faults"].as_array().map(|all| all.iter().filter(of_role).filter_map(excess).collect()).unwrap_or_default()
+    }
+
+    /// Most ticks that the control of a fault of this run lost.
+    pub fn worst_control(&self) -> f64 {
+        let all = self.report["faults"].as_array().map(Vec::as_slice).unwrap_or_default();
+        all.iter().filter_map(|fault| fault["control"]["missed"].as_f64()).fold(0.0, f64::max)
+    }
+
+    /// Fails if a fault alone cost the hand more ticks beyond its control than it may and than the host explains.
+    pub fn assert_cost(&self, fault: &Value) {
+        let (window, control) = (&fault["window"], &fault["control"]);
+        let without = || Some(LOST_WITHOUT_CONTROL * window["ticks"].as_f64()?);
+        let allowed = if fault["target"] == "device" { DEVICE_TICKS } else { 0.0 };
+        let what = format!("{} of {}, excess misses", fault["kind"], fault["target"]);
+        match missed(window).zip(missed(control).or_else(without)) {
+            Some((lost, quiet)) => {
+                let promise = Promise::of_ticks(allowed, 1, self.worst_control());
+                promise.assert_one(&what, lost - quiet, || format!("{fault:#}\n{}", self.said));
+            }
+            None => not_shown(&format!("{what}: it has no window of which a good part counts")),
+        }
     }
 
     /// The faults of a kind (`nan`), whoever they hit; `external` for those that came from outside.

@@ -3,10 +3,12 @@
 //!
 //! The victims die in their own step (`poison`, `doom`), so nothing here depends on how soon a test gets the processor.
 
+use hyst_exchange::{Roster, checkpoint};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use station_tests::{Station, hystation, run, wait_for};
+use std::collections::BTreeMap;
 use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
@@ -49,19 +51,23 @@ fn wait_until(station: &Station, what: &str, holds: impl Fn() -> bool) {
     assert!(wait_for(LIMIT, || holds().then_some(())).is_some(), "{what}: {}\n{}", station.status(), station.said());
 }
 
-fn tissue_logs(station: &Station) -> String {
-    let log = |index| std::fs::read_to_string(root(station).log(Slot::new(Role::Tissue, index).unwrap())).unwrap_or_default();
+fn logs_of(station: &Station, role: Role) -> String {
+    let log = |index| std::fs::read_to_string(root(station).log(Slot::new(role, index).unwrap())).unwrap_or_default();
     log(0) + &log(1)
 }
 
-/// Tick of the checkpoint that the tissue went on from last, by its epoch.
-fn last_checkpoint(station: &Station) -> Option<u64> {
-    let text = tissue_logs(station);
+fn tissue_logs(station: &Station) -> String {
+    logs_of(station, Role::Tissue)
+}
+
+/// Ticks of the checkpoints that a role went on from, by the epochs that began with them.
+fn checkpoints(station: &Station, role: Role) -> BTreeMap<u32, u64> {
+    let text = logs_of(station, role);
     let of_line = |line: &str| {
         let (tick, epoch) = line.split_once("from the checkpoint of tick ")?.1.split_once(" in epoch ")?;
-        Some((epoch.trim().parse::<u64>().ok()?, tick.parse::<u64>().ok()?))
+        Some((epoch.trim().parse::<u32>().ok()?, tick.parse::<u64>().ok()?))
     };
-    text.lines().filter_map(of_line).max().map(|(_, tick)| tick)
+    text.lines().filter_map(of_line).collect()
 }
 
 fn signal_all(station: &Station, pids: &[i32], signal: Signal) {
@@ -70,8 +76,12 @@ fn signal_all(station: &Station, pids: &[i32], signal: Signal) {
     }
 }
 
+fn pids_of(station: &Station, role: Role) -> Vec<i32> {
+    station.processes(role.name()).iter().filter_map(|row| Some(row["pid"].as_i64()? as i32)).collect()
+}
+
 fn tissue_pids(station: &Station) -> Vec<i32> {
-    station.processes("tissue").iter().filter_map(|row| Some(row["pid"].as_i64()? as i32)).collect()
+    pids_of(station, Role::Tissue)
 }
 
 /// Lets the tissue make flawed states and then kills both who have them, until the station has gone back for it.
@@ -114,7 +124,8 @@ fn a_state_that_kills_every_successor_is_left_for_an_older_one_and_what_no_state
     station.run_ticks(BEFORE_TICKS);
 
     poison(&station);
-    let from_tick = last_checkpoint(&station).unwrap_or_else(|| panic!("it began anew\n{}", tissue_logs(&station)));
+    let from_tick = checkpoints(&station, Role::Tissue).into_values().next_back();
+    let from_tick = from_tick.unwrap_or_else(|| panic!("it began anew\n{}", tissue_logs(&station)));
     let ground_tick = ground_tick(&station).expect("it was said");
     println!("goes on from the checkpoint of tick {from_tick}, which is to be before {ground_tick}");
     assert!(from_tick > 0 && from_tick <= ground_tick, "from {from_tick}, not before {ground_tick}\n{}", tissue_logs(&station));
@@ -216,21 +227,18 @@ fn an_input_that_kills_every_flow_engine_leaves_the_hand_alone_and_has_the_tissu
     ended.assert_recorded();
 }
 
-/// Bits in each copy of the newest state of both slots are turned over, then both die: the successor finds it out and takes an older one.
-#[test]
-fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
-    let station = Station::start("flipped", &["--hand", "script:press"]);
-    station.run_ticks(6_000); // the second generation has been written
-    let pids = tissue_pids(&station);
+/// Turns over bits in each copy of the newest state of both slots of a role, kills both, and looks what the successor goes on from.
+fn kill_beside_flipped_bits(station: &Station, role: Role) {
+    let pids = pids_of(station, role);
     let before_tick = station.status()["tick"].as_u64().expect("a tick");
     // So that nobody writes a new one meanwhile, and nobody replaces who hangs, which takes 30 ms: its successor came before the damage. A supervisor that
     // stands still for less than three seconds is not replaced.
-    let keeper: Vec<i32> = station.processes("supervisor").iter().filter_map(|row| Some(row["pid"].as_i64()? as i32)).collect();
+    let keeper = pids_of(station, Role::Supervisor);
     assert_eq!(keeper.len(), 1, "{}", station.status());
-    signal_all(&station, &keeper, Signal::STOP);
-    signal_all(&station, &pids, Signal::STOP);
+    signal_all(station, &keeper, Signal::STOP);
+    signal_all(station, &pids, Signal::STOP);
     for index in 0..2 {
-        let path = hyst_exchange::checkpoint::path(&root(&station), Slot::new(Role::Tissue, index).unwrap());
+        let path = checkpoint::path(&root(station), Slot::new(role, index).unwrap());
         let file = std::fs::File::options().read(true).write(true).open(&path).unwrap();
         let bytes = file.metadata().unwrap().len();
         // Six copies, three generations of two: in both of the newest a byte in each page, after the two of the file's header. Single bytes
@@ -241,15 +249,29 @@ fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
             file.write_all_at(&[byte[0] ^ 0x10], at).unwrap();
         }
     }
-    signal_all(&station, &pids, Signal::KILL);
-    signal_all(&station, &keeper, Signal::CONT);
-    wait_until(&station, "both are replaced", || {
-        tissue_pids(&station).iter().all(|pid| !pids.contains(pid)) && station.is_whole()
+    let whole_tick = checkpoint::latest(&root(station), role).map(|whole| whole.tick);
+    let epoch = Roster::open(&root(station)).unwrap().holder(role).epoch;
+    signal_all(station, &pids, Signal::KILL);
+    signal_all(station, &keeper, Signal::CONT);
+    wait_until(station, "both are replaced", || {
+        pids_of(station, role).iter().all(|pid| !pids.contains(pid)) && station.is_whole()
     });
-    let logs = tissue_logs(&station);
+    let logs = logs_of(station, role);
     assert!(logs.contains("checkpoints are damaged and are not used"), "{logs}");
-    let from_tick = last_checkpoint(&station).unwrap_or_else(|| panic!("it began anew\n{logs}"));
+    let from_tick = checkpoints(station, role).range(epoch + 1..).next().map(|(_, tick)| *tick);
+    let from_tick = from_tick.unwrap_or_else(|| panic!("it began anew\n{logs}"));
     assert!(from_tick > 0 && from_tick < before_tick + 200, "from {from_tick}, before {before_tick}");
+    assert_eq!(Some(from_tick), whole_tick, "not from the newest whole copy\n{logs}");
+}
+
+/// The successor finds out what is damaged and takes an older state.
+#[test]
+fn a_checkpoint_with_flipped_bits_is_not_gone_on_from() {
+    let station = Station::start("flipped", &["--hand", "script:press"]);
+    station.run_ticks(6_000); // the second generation has been written
+    for role in [Role::Tissue, Role::Fluid] {
+        kill_beside_flipped_bits(&station, role);
+    }
     assert_goes_on(&station);
     let ended = station.stop();
     ended.assert_clean();

@@ -96,7 +96,7 @@ fn an_engine_that_spins_at_its_own_priority_costs_the_hand_nothing() {
         assert!(done, "{fault:#}\n{}", ended.said);
     }
     let excesses: Vec<f64> = faults.iter().filter_map(|fault| excess(fault)).collect();
-    let promise = Promise { allowed: ALLOWED, least: faults.len() / 2 };
+    let promise = Promise::of_ticks(ALLOWED, faults.len() / 2, ended.worst_control());
     promise.judge("spinning engines, excess misses", &excesses, || ended.said.clone());
 }
 
@@ -142,7 +142,7 @@ fn an_engine_that_crashes_leaves_hangs_or_slows_down_costs_the_hand_nothing() {
         }
     }
     let tried: usize = ENDS.iter().map(|(_, kinds)| kinds.len()).sum();
-    let promise = Promise { allowed: ALLOWED, least: tried / 2 };
+    let promise = Promise::of_ticks(ALLOWED, tried / 2, ended.worst_control());
     promise.judge("crashes, exits, hangs and slow steps, excess misses", &all, || ended.said.clone());
 }
 

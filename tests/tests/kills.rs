@@ -86,7 +86,7 @@ fn kills() -> usize {
 #[test]
 fn the_active_haptic_and_the_active_tissue_are_taken_over() {
     let mut excess: [Vec<f64>; 2] = Default::default();
-    let mut said = String::new();
+    let (mut worst_control, mut said) = (0.0f64, String::new());
     for run in 0..RUNS {
         let missing = excess.iter().map(|of_role| kills().saturating_sub(of_role.len())).max().unwrap_or(0);
         if missing == 0 && excess.iter().all(|of_role| mean(of_role) <= ALLOWED) {
@@ -97,10 +97,11 @@ fn the_active_haptic_and_the_active_tissue_are_taken_over() {
             assert_promises(&ended, role);
             excess.extend(ended.excess(role, true));
         }
+        worst_control = worst_control.max(ended.worst_control());
         said = ended.said;
     }
     for (role, excess) in TAKEN_OVER.into_iter().zip(&excess) {
-        let promise = Promise { allowed: ALLOWED, least: kills() };
+        let promise = Promise::of_ticks(ALLOWED, kills(), worst_control);
         promise.judge(&format!("kills of the active {role}, excess misses"), excess, || said.clone());
         let [more, fewer] = [1.0, -1.0].map(|sign| excess.iter().filter(|excess| sign * **excess > 0.0).count() as f64);
         let net = lower99_of_difference(more, fewer);
@@ -167,7 +168,7 @@ fn every_process_is_back_with_its_state() {
     );
     let others = victims.into_iter().filter(|(role, _)| *role != "device");
     let excess: Vec<f64> = others.flat_map(|(role, active)| ended.excess(role, active)).collect();
-    let promise = Promise { allowed: 1.0, least: victims.len() };
+    let promise = Promise::of_ticks(1.0, victims.len(), ended.worst_control());
     promise.judge("kills of everybody but the device, excess misses", &excess, || ended.said.clone());
 }
 
@@ -208,7 +209,8 @@ fn the_supervisors_death_changes_nothing_for_the_engines() {
     ended.assert_recorded();
     let excess = ended.excess("supervisor", true);
     assert!(of_active(&ended, "supervisor").len() >= 5, "{}", ended.said);
-    Promise { allowed: 1.0, least: 3 }.judge("deaths of the supervisor, excess misses", &excess, || ended.said.clone());
+    let promise = Promise::of_ticks(1.0, 3, ended.worst_control());
+    promise.judge("deaths of the supervisor, excess misses", &excess, || ended.said.clone());
 }
 
 /// The device itself dies: the hardware keeps the last force and ramps it, without a kick, and the successor goes on from there.
@@ -232,8 +234,11 @@ fn the_device_is_back_before_the_hardware_has_let_go() {
     let allowed = DEVICE_MISSES.max(DEVICE_STARTS * starts_ms[starts_ms.len() / 2]);
     println!("device: back after {recovered_ms:.0?} ms; bare starts {starts_ms:.1?} ms");
     assert_eq!(recovered_ms.len(), faults.len(), "{faults:#?}");
-    Promise { allowed, least: 5 }.judge("kills of the device, excess misses", &excess, || ended.said.clone());
-    Promise { allowed, least: 5 }.judge("kills of the device, ms until it is back", &recovered_ms, || ended.said.clone());
+    let promise = Promise::of_ticks(allowed, 5, ended.worst_control());
+    promise.judge("kills of the device, excess misses", &excess, || ended.said.clone());
+    // What one alone may cost is asked of its ticks, of which those that the host took do not count.
+    let promise = Promise { most: f64::INFINITY, ..promise };
+    promise.judge("kills of the device, ms until it is back", &recovered_ms, || ended.said.clone());
     assert!(ended.number("device.own_faults.count") >= 5.0, "reported apart: {}", ended.report["device"]);
 }
 

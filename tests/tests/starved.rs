@@ -1,10 +1,11 @@
-//! Engines that run short of what the system lends, and engines whose successors do not start: found, replaced, and the station whole again.
+//! Engines that run short of what the system lends, and engines whose successors do not start: found, replaced, and the station whole again. What each costs
+//! the hand is judged alone, against its control.
 
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Ended, Station, hystation, run};
 
-/// The fault of a kind that hit a slot; it came about, was found, and is over.
+/// The fault of a kind that hit a slot; it came about, was found, is over, and cost the hand no more than it may.
 fn fault_of<'a>(ended: &'a Ended, kind: &str, slot: &str) -> &'a Value {
     let of_slot = ended.faults(kind).into_iter().find(|fault| fault["target"] == slot);
     let fault = of_slot.unwrap_or_else(|| panic!("no fault {kind} of {slot}\n{}", ended.said));
@@ -19,6 +20,7 @@ fn fault_of<'a>(ended: &'a Ended, kind: &str, slot: &str) -> &'a Value {
         fault["window"]["missed"],
         fault["control"]["missed"]
     );
+    ended.assert_cost(fault);
     fault
 }
 
@@ -155,6 +157,7 @@ fn a_thread_that_helps_an_engine_and_stands_still_is_found_and_the_engine_hands_
         let fault = faults.iter().find(is_it).unwrap_or_else(|| panic!("no {thread} of {slot}\n{}", ended.said));
         assert_eq!(fault["detected_by"], thread.as_str(), "{fault:#}\n{}", ended.said);
         assert!(fault["manifested"] == true && fault["recovered_us"].is_number(), "{fault:#}");
+        ended.assert_cost(fault);
         assert!(fault["detected_us"].as_f64() >= Some(4.9e6), "its engine's own time is no shorter than the clock's: {fault:#}");
         let is_reason = |line: &str| line.contains(slot.as_str()) && line.contains(&format!("its {thread} stands still"));
         assert!(ended.said.lines().any(is_reason), "{thread} {slot}\n{}", ended.said);
@@ -219,6 +222,7 @@ fn a_successor_that_hangs_in_its_start_is_replaced_or_goes_on() {
     assert_eq!(fault_of(&ended, "hang-start", &found)["detected_by"], "heartbeat");
     let fluid = faults.into_iter().find(|fault| fault["target"] == slot).expect("of the fluid");
     assert!(fluid["manifested"] == true && fluid["recovered_us"].as_f64() >= Some(1e6), "{fluid:#}");
+    ended.assert_cost(fluid);
     assert!(ended.died_unasked().is_empty(), "{}", ended.said);
 }
 

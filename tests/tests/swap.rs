@@ -76,11 +76,17 @@ const ALLOWED_EACH: f64 = 0.05;
 /// Ticks that one of the device may cost, until its successor is there: what the hardware holds and ramps a force for.
 const DEVICE_TICKS: f64 = 20.0;
 
+/// The windows of all roles.
+fn together(windows: &BTreeMap<&str, Pairs>) -> Pairs {
+    let mut all = Pairs::default();
+    windows.values().for_each(|pairs| all.add(pairs));
+    all
+}
+
 /// Judges what so many swaps of each role cost, each role by itself where there are many, and all of them together.
 fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, of_each: usize, station: &Station) {
-    let mut all = Pairs::default();
+    let all = together(windows);
     for (role, pairs) in windows {
-        all.add(pairs);
         if of_each >= LEAST {
             pairs.judge_each(&format!("{what} of {role}"), ALLOWED_EACH, of_each * 4 / 5, station);
         }
@@ -109,6 +115,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
         let copy = copy(&station, "device", round);
         device.around(&station, CONTROL_TICKS, || swap_well(&station, "device", &copy));
     }
+    device.heed_controls_of(&together(&windows));
     device.judge_each("swaps of the device", DEVICE_TICKS, LEAST, &station);
     judge("swaps", &windows, swaps(), &station);
     // Neither a restart of the supervisor nor one of the slot leads back to the old binary.

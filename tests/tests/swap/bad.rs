@@ -1,7 +1,7 @@
 //! Bad engines: each is rolled back for a cause that is its own, and the hand does not notice. As many swaps to them are made as `HYSTATION_BAD_SWAPS` says, one
 //! kind after the other and then from the beginning.
 
-use super::{CONTROL_TICKS, DEVICE_TICKS, LEAST, TRIES, judge, number_of};
+use super::{CONTROL_TICKS, DEVICE_TICKS, LEAST, TRIES, judge, number_of, together};
 use station_tests::shown::not_shown;
 use station_tests::swapped::{got_no_time, swap};
 use station_tests::windows::Pairs;
@@ -119,6 +119,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         station.recover();
         assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
     }
+    device.heed_controls_of(&together(&windows));
     // To the bad one and back to the good one.
     device.judge_each("bad devices", 2.0 * DEVICE_TICKS, LEAST, &station);
     judge("bad engines", &windows, of_each, &station);
