@@ -223,6 +223,14 @@ pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
     (fault.tick, fault.tick + (recovery_ticks + AFTER_TICKS).max(WINDOW_TICKS))
 }
 
+/// The station ticks in which a fault may do something to the hand, so that they are no control of another: its window; of one that is not over yet all up to the
+/// newest.
+pub(crate) fn reach(fault: &Fault, newest_tick: u64) -> (u64, u64) {
+    let (from_tick, to_tick) = bounds(fault);
+    let so_far = if fault.recovered_us.is_none() { newest_tick.saturating_add(1) } else { 0 };
+    (from_tick, to_tick.max(so_far))
+}
+
 /// What the ledger says of a fault's own window. It is taken as soon as the window is over: a control of equal length may lie after it, and by the end of
 /// that one the ledger has forgotten the beginning of a long window.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

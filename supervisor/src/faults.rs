@@ -12,7 +12,7 @@ mod tend;
 pub(crate) mod tests;
 
 use crate::active::ActiveLog;
-use crate::fault::{Death, EXTERNAL, Fault, LATCH, PIDFD, Seen, bounds, judge, look};
+use crate::fault::{Death, EXTERNAL, Fault, LATCH, PIDFD, Seen, bounds, judge, look, reach};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger};
 use crate::policy::Exit;
@@ -195,12 +195,13 @@ impl Faults {
         self.open.faults.iter_mut().filter(of_slot).find(hinders)
     }
 
-    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies or goes on without a helper: who is late is not
-    /// known for that. Of others it is said once they are guilty.
+    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies, goes on without a helper, or was hurt from outside:
+    /// who is late is not known for that. Of others it is said once they are guilty.
     pub fn suspected(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         self.suspects.insert((slot.number(), incarnation), at_ns);
-        let is_found =
-            |fault: &&mut Fault| fault.detected_us.is_none() && fault.thread.is_none() && !mischief::is_lie(&fault.kind);
+        let is_found = |fault: &&mut Fault| {
+            fault.detected_us.is_none() && fault.thread.is_none() && mischief::is_found_by_lateness(&fault.kind)
+        };
         if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
             fault.found_by("heartbeat", at_ns);
@@ -225,7 +226,7 @@ impl Faults {
         }
         let suspected_ns = self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
-            let is_silent = fault.thread.is_none() && !mischief::is_lie(&fault.kind);
+            let is_silent = fault.thread.is_none() && mischief::is_found_by_lateness(&fault.kind);
             let seen_ns = suspected_ns.filter(|_| is_silent).unwrap_or(at_ns);
             fault.manifested = true;
             // It does not end by itself any more: a successor ends it.
@@ -311,7 +312,8 @@ impl Faults {
     fn close(&mut self, is_end: bool, mut is_due: impl FnMut(&Fault, bool, bool) -> bool) {
         let newest_tick = self.ledger.newest_tick().unwrap_or(0);
         let swaps = self.swaps(newest_tick);
-        let taken: Vec<(u64, u64)> = self.all().map(bounds).chain(swaps.iter().copied()).collect();
+        let open = self.open.faults.iter().map(|fault| reach(fault, newest_tick));
+        let taken: Vec<(u64, u64)> = self.closed.iter().map(bounds).chain(open).chain(swaps.iter().copied()).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
         let mut spent: Vec<(u64, u64)> = self.closed.iter().filter_map(used).collect();
         let mut has_news = false;

@@ -117,16 +117,16 @@ pub fn refused(viewer: &mut Viewer, charge: &Charge) -> Option<RefusedState> {
     RefusedState::from_words(words).filter(|state| state.incarnation == charge.incarnation && charge.is(state.why.distrust()))
 }
 
-/// Whether a fault of this kind publishes what is not so.
-pub fn is_lie(kind: &str) -> bool {
-    FaultKind::from_name(kind).is_some_and(FaultKind::is_lie)
+/// Whether lateness tells of a fault of this kind; of what nobody asked for it does.
+pub fn is_found_by_lateness(kind: &str) -> bool {
+    FaultKind::from_name(kind).is_none_or(FaultKind::is_found_by_lateness)
 }
 
-/// When and by whom an incarnation was first found out after a time, in what it was asked to do. That it is late, or differs from another that may be the one
-/// that is wrong, tells nobody that it lies.
+/// When and by whom an incarnation was first found out after a time, in what it was asked to do, or what was done to it. That it is late, or differs from another
+/// that may be the one that is wrong, tells nobody that it lies, nor that its bytes flipped, or that it can open no file: it may be the host's doing.
 pub fn first_after(charges: &[Charge], kind: &str, incarnation: u32, after_ns: u64) -> Option<(u64, Slot)> {
     let is_told = |charge: &Charge| [Distrust::Invalid, Distrust::Still, Distrust::Frozen].iter().any(|why| charge.is(*why));
-    let counts = |charge: &&Charge| !is_lie(kind) || is_told(charge);
+    let counts = |charge: &&Charge| is_found_by_lateness(kind) || is_told(charge);
     let of = charges.iter().filter(|charge| charge.incarnation == incarnation && charge.last_ns >= after_ns).filter(counts);
     // A series that began before the fault is noise of the host; its newest word is not.
     of.map(|charge| (if charge.since_ns >= after_ns { charge.since_ns } else { charge.last_ns }, charge.by)).min()
@@ -139,18 +139,19 @@ mod tests {
     use hyst_messages::{Refusal, Role};
 
     #[test]
-    fn who_is_late_is_not_found_to_lie() {
+    fn who_is_late_is_not_found_to_lie_nor_to_have_been_hurt_from_outside() {
         let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
         let charge = |by, why, since_ns| Charge { by, incarnation: 7, why: why as u64, since_ns, last_ns: since_ns + 5 };
         let mut charges = vec![charge(tissue, Distrust::Missing, 1_000), charge(tissue, Distrust::Differs, 1_100)];
-        let found = |charges: &[Charge]| ["nan", "frozen", "slow", "poison"].map(|kind| first_after(charges, kind, 7, 900));
+        let kinds = ["nan", "frozen", "corrupt", "no-files", "shm-full", "slow", "spin", "block", "poison"];
+        let found = |charges: &[Charge]| kinds.map(|kind| first_after(charges, kind, 7, 900));
         let late = Some((1_000, tissue));
-        assert_eq!(found(&charges), [None, None, late, late]);
+        assert_eq!(found(&charges), [None, None, None, None, None, late, late, late, late]);
         for why in [Distrust::Invalid, Distrust::Still, Distrust::Frozen] {
             charges.truncate(2);
             charges.push(charge(device, why, 2_000));
             let told = Some((2_000, device));
-            assert_eq!(found(&charges), [told, told, late, late]);
+            assert_eq!(found(&charges), [told, told, told, told, told, late, late, late, late]);
         }
     }
 

@@ -97,6 +97,9 @@ fn cure(figures: &Figures) -> String {
         Some(Unlike::Together(station)) => {
             format!("something was with station {station} (its line in stations.jsonl): {ALONE}")
         }
+        Some(Unlike::Mean) => {
+            "a few of its faults cost many ticks each: results.jsonl has what each cost, and `--only NUMBER` does it again".into()
+        }
         None => format!("too few of its faults have a verdict: {ALONE}"),
     }
 }
@@ -145,6 +148,8 @@ mod tests {
             (undecided(Some(Excess::of(100, 8, 1))), "more of the like would not hold"),
             (Figures { excess_with_void: Some(void), ..undecided(Some(many)) }, "keeps the kernel busy"),
             (Figures { together_in: Some(5), ..undecided(Some(many)) }, "with station 5"),
+            (Figures { mean_beyond_misses_upper95: Some(0.06), ..undecided(Some(many)) }, "cost many ticks each"),
+            (Figures { mean_beyond_misses_upper95: Some(0.05), ..undecided(Some(many)) }, "too few of its faults have a verdict"),
             (undecided(Some(many)), "too few of its faults have a verdict"),
             (Figures { not_shown, ..undecided(None) }, "`--only 7`"),
         ] {

@@ -7,8 +7,8 @@
 //! cell says that it may. It is *held* when the upper bound is within the limit, and that with the
 //! void ticks too where they are more than chance makes; a cell of a pool breaks it by itself where its own lower bound lies above the pool's limit with a doubt of
 //! one in a thousand. Between the two, when none of a cell's faults showed, when too many faults have no verdict because the host stalled, or most of a cell,
-//! when the controls lost more than the windows with a fault, when those in the same state tell otherwise, or when those that differ lie together in one station,
-//! nothing can be said, and the campaign says so.
+//! when the controls lost more than the windows with a fault, when those in the same state tell otherwise, when those that differ lie together in one station, or
+//! when the mean of the ticks that they cost beyond what they may is not within the limit as well, nothing can be said, and the campaign says so.
 
 mod blame;
 mod figures;

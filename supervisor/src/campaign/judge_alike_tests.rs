@@ -2,6 +2,8 @@
 
 use super::tests::{all_of, setup};
 use super::*;
+use crate::campaign::text::text;
+use crate::campaign::{html, junit};
 
 const TEXT: &str = "[[pool]]\nname = \"all\"\nlimit_upper95 = 0.1\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 190\npool = \"all\"\n\
                     [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\ncount = 10\npool = \"all\"\n";
@@ -27,7 +29,7 @@ fn missed(outcome: &mut Outcome, in_window: u64, in_control: u64) {
 fn a_cell_that_is_bad_by_itself_does_not_hide_in_its_pool() {
     let judgement = judged(|cell, at, outcome| {
         if cell == "kill fluid:active" && at < 7 {
-            missed(outcome, 2, 0);
+            missed(outcome, 1, 0);
         }
     });
     let verdicts = [judgement.pools[0].verdict, judgement.cells[0].verdict, judgement.cells[1].verdict];
@@ -92,6 +94,51 @@ fn faults_that_differ_together_in_one_station_hold_nothing() {
         together.pools[0]
     );
     assert_eq!((spread(5).pools[0].together_in, spread(5).pools[0].verdict), (None, Verdict::Held));
+}
+
+/// A fault counted once, however many ticks it cost: of 200 four that cost 12 each held a limit of 0.1 ticks for each fault.
+#[test]
+fn few_faults_that_each_cost_many_ticks_hold_nothing_and_as_few_that_cost_one_do() {
+    let costing = |ticks: u64, stations: usize| {
+        judged(|cell, at, outcome| {
+            outcome.station = at % stations;
+            if cell == "kill haptic:active" && at % 50 == 7 {
+                missed(outcome, ticks, 0);
+            }
+        })
+    };
+    // Of one station and of two, too, of which each fault is drawn by itself.
+    for stations in [1, 2, 7] {
+        let (dear, cheap) = (costing(12, stations), costing(1, stations));
+        let [pool, other] = [&dear.pools[0], &cheap.pools[0]];
+        assert!(pool.excess.unwrap().worse == 4 && pool.excess.unwrap().upper95 <= 0.1, "{pool:?}");
+        assert_eq!((pool.verdict, dear.exit_code), (Verdict::Unknown, 3), "{pool:?}");
+        assert!(pool.mean_beyond_misses_upper95.unwrap() > 0.24, "more than the mean: {pool:?}");
+        assert_eq!((other.verdict, cheap.exit_code), (Verdict::Held, 0), "{other:?}");
+        let reason = "ticks beyond their controls' and what they may cost, per fault: 0.2400, with 95 % below ";
+        assert!(pool.reasons.iter().any(|line| line.starts_with(reason)), "{:?}", pool.reasons);
+        let whole = pool.reasons.iter().find(|line| line.starts_with(reason)).map(|line| hyst_assessment::escape(line)).unwrap();
+        let reports = [junit::junit(&dear), html::html(&dear, &[], &[])];
+        assert!(text(&dear).contains(reason) && reports.iter().all(|report| report.contains(&whole)), "{reports:?}");
+    }
+}
+
+#[test]
+fn what_faults_cost_within_what_they_may_is_in_no_mean_that_is_judged_and_what_is_beyond_it_is() {
+    let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 0.1\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"device\"]\ncount = 100\npool = \"all\"\n";
+    let judged = |of_some: u64| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        for (at, outcome) in outcomes.iter_mut().enumerate() {
+            outcome.station = at % 4;
+            missed(outcome, if at < 3 { of_some } else { 8 }, 0);
+        }
+        let station = all_of(&campaign, &outcomes);
+        judge(&campaign, &plan, &outcomes, &[station], None).pools.remove(0)
+    };
+    let [within, beyond] = [20, 34].map(judged);
+    assert_eq!((within.verdict, within.mean_beyond_misses_upper95), (Verdict::Held, Some(0.0)), "{within:?}");
+    assert!(within.mean_excess_misses.unwrap() > 8.0 && beyond.excess.unwrap().upper95 <= 0.1, "{beyond:?}");
+    assert_eq!((beyond.verdict, beyond.beyond_misses[..4].to_vec()), (Verdict::Unknown, vec![14, 14, 14, 0]), "{beyond:?}");
 }
 
 #[test]

@@ -43,6 +43,18 @@ fn a_miss_of_the_window_or_of_the_control_alone_is_no_notice() {
 }
 
 #[test]
+fn a_fault_that_came_to_one_alone_of_two_has_no_verdict_is_named_and_breaks_nothing() {
+    let cells = "most_void = 1.0\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:both\"]\ncount = 4\nlimit_upper95 = 1.0\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    (outcomes[1].ending, outcomes[1].reason) = (Ending::Refused, "tissue:0 was hit alone".into());
+    outcomes[1].fault.as_mut().unwrap().recovered_us = None;
+    let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
+    let both = &judgement.cells[0];
+    assert_eq!((both.injected, both.without_verdict, both.not_shown.clone()), (3, 1, vec![1]));
+    assert_eq!((both.verdict, judgement.exit_code), (Verdict::Held, 0), "{both:?}");
+}
+
+#[test]
 fn a_second_fault_whose_first_did_not_show_has_no_verdict_and_is_named() {
     let cells =
         "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\nstates = [\"recovery\"]\ncount = 3\nlimit_upper95 = 1.0\n";

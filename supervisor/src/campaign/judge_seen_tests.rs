@@ -137,6 +137,20 @@ fn a_state_that_began_anew_and_a_station_that_ended_are_noticed() {
     assert_eq!(notice(&silent, blame.sequel(&outcomes[1]), false), (false, "nothing".into()));
 }
 
+/// Kept results of older builds have it: a stall of the host was the notice of bytes that nobody had read.
+#[test]
+fn one_that_was_late_and_lives_on_has_not_noticed_and_one_that_was_ended_for_it_has() {
+    let (campaign, _, outcomes) = setup(TEXT);
+    let blame = Blame::of(&campaign, &outcomes, &[]);
+    let noticed = |by: &str, dead: bool| {
+        let fault = Fault { detected_by: by.into(), dead, ..Fault::default() };
+        notice(&fault, blame.sequel(&outcomes[0]), false)
+    };
+    assert_eq!(noticed("heartbeat", false), (false, "nothing".into()));
+    assert_eq!(noticed("heartbeat", true), (true, "died, found by heartbeat".into()));
+    assert_eq!(noticed("tissue:1", false), (true, "tissue:1".into()));
+}
+
 #[test]
 fn a_fault_beside_its_swap_has_no_verdict() {
     let (campaign, plan, mut outcomes) = setup(TEXT);

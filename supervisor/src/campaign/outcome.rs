@@ -14,7 +14,7 @@ pub enum Ending {
     /// It was injected, and no verdict came in time.
     #[default]
     Open,
-    /// The supervisor refused it.
+    /// The supervisor refused it, or it came to one alone of the two whom it was for.
     Refused,
     /// The station was not in the wanted state in time.
     NoState,
@@ -124,7 +124,7 @@ pub struct Outcome {
     pub ending: Ending,
     /// Why, if not by a verdict.
     pub reason: String,
-    /// What the supervisor knows of it.
+    /// What the supervisor knows of it; of both of a role what it knows of the one that took longer, with the harm of both.
     pub fault: Option<Fault>,
     /// The fault in whose recovery, or hand-over, it came.
     pub with: Option<Fault>,

@@ -1,6 +1,6 @@
 //! One fault of a plan again, alone in a station of its own, at the tick and phase at which it was injected if the folder knows them, else at the drawn ones;
 //! one in a swap after the same stage of it, so many ticks later, and at that phase; one in a hand-over so many ticks after that is seen. Judged as in its
-//! campaign, but for the bounds, of which one fault says nothing.
+//! campaign, but for the bounds, of which one fault says nothing: a tick that it lost is as often the host's, and breaks no promise.
 
 use super::cell::{Cell, State};
 use super::draw::Entry;
@@ -120,16 +120,18 @@ fn wanted_tick(entry: &Entry, cell: &Cell) -> u64 {
     entry.tick + if cell.with.is_some() { entry.with_ticks } else { 0 }
 }
 
-/// The exit code, and why.
+/// The exit code, and why: 1 for what breaks a promise by itself in a campaign, too.
 fn conclude(figures: Option<&Figures>, broken: &[String], unknown: &[String], elsewhere: Option<String>) -> (u8, Vec<String>) {
     let is_broken = figures.is_some_and(|figures| figures.verdict == Verdict::Broken);
     let mut why: Vec<String> = broken.to_vec();
     why.extend(figures.into_iter().flat_map(|figures| figures.reasons.clone()));
     let excess = figures.and_then(|figures| figures.beyond_misses.first().copied());
-    if let Some(excess) = excess.filter(|excess| *excess > 0) {
-        why.push(format!("{excess} ticks without a fresh force beyond its control's and what it may cost"));
-    }
-    if is_broken || !broken.is_empty() || excess.is_some_and(|excess| excess > 0) {
+    let lost = excess.filter(|excess| *excess > 0).map(|excess| {
+        let ticks = if excess == 1 { "1 tick".into() } else { format!("{excess} ticks") };
+        format!("{ticks} without a fresh force beyond its control's and what it may cost")
+    });
+    if is_broken || !broken.is_empty() {
+        why.extend(lost);
         return (1, why);
     }
     why.extend(unknown.iter().cloned());
@@ -137,7 +139,13 @@ fn conclude(figures: Option<&Figures>, broken: &[String], unknown: &[String], el
     if excess.is_none() {
         why.push("it has no verdict".into());
     }
-    if why.is_empty() { (0, vec!["its promise held".into()]) } else { (3, why) }
+    let code = if why.is_empty() { 0 } else { 3 };
+    let remark = "that breaks no promise by itself; whether it is the fault's doing a campaign says";
+    why.extend(lost.map(|lost| format!("{lost}: {remark}")));
+    if why.is_empty() {
+        why.push("its promise held".into());
+    }
+    (code, why)
 }
 
 #[cfg(test)]
@@ -145,6 +153,8 @@ mod tests {
     use super::*;
     use crate::campaign::outcome::SwapSeen;
     use crate::campaign::{draw, file};
+    use crate::fault::Fault;
+    use crate::ledger::Window;
 
     const TEXT: &str = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"device\"]\ncount = 2\n\
                         [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\nstates = [\"recovery\"]\ncount = 1\n";
@@ -216,9 +226,51 @@ mod tests {
         let held = figures(&[0], Verdict::Figures);
         assert_eq!([false, true].map(|is_elsewhere| code(&held, &[], is_elsewhere)), [0, 3]);
         assert_eq!(code(&figures(&[], Verdict::Figures), &[], false), 3);
-        assert_eq!(code(&figures(&[2], Verdict::Figures), &[], true), 1, "beyond what it may cost");
-        assert_eq!(code(&figures(&[0], Verdict::Broken), &[], false), 1);
+        assert_eq!([false, true].map(|is_elsewhere| code(&figures(&[0], Verdict::Broken), &[], is_elsewhere)), [1, 1]);
         assert_eq!(code(&held, &["2 stale forces were applied".into()], false), 1, "its station is looked at too");
+    }
+
+    /// One tick of the host's noise was a promise that is broken beyond doubt, at whatever moment the fault came.
+    #[test]
+    fn a_tick_or_two_more_than_the_control_break_no_promise_and_are_said() {
+        let said = |lost: i64, verdict, elsewhere: Option<&str>| {
+            let figures = Figures { beyond_misses: vec![lost], verdict, ..Figures::default() };
+            let (code, why) = conclude(Some(&figures), &[], &[], elsewhere.map(str::to_string));
+            (code, why.join("; "))
+        };
+        assert_eq!(said(0, Verdict::Figures, None), (0, "its promise held".to_string()));
+        assert_eq!(said(-3, Verdict::Figures, None), (0, "its promise held".to_string()));
+        for (lost, words) in [(1, "1 tick without"), (2, "2 ticks without")] {
+            let (code, why) = said(lost, Verdict::Figures, None);
+            assert!(code == 0 && why.starts_with(words) && why.contains("breaks no promise by itself"), "{code}: {why}");
+            let (code, why) = said(lost, Verdict::Figures, Some("it was not repeated"));
+            assert!(code == 3 && why.starts_with("it was not repeated; ") && why.contains(words), "{code}: {why}");
+        }
+        assert_eq!(said(30, Verdict::Broken, None).0, 1);
+    }
+
+    /// What a single fault of a campaign may not cost, one that is repeated may not either: its window and its control are all that is known.
+    #[test]
+    fn what_breaks_a_promise_by_itself_in_a_campaign_does_so_alone() {
+        let campaign = file::parse("t", TEXT).unwrap();
+        let plan = draw::plan(&campaign, 1);
+        let entry = plan.faults.iter().find(|entry| entry.cell == "kill device").unwrap();
+        let cell = campaign.cell(&entry.cell).unwrap();
+        let repeated = |missed: u64| {
+            let control = Window { ticks: 200, ..Window::default() };
+            let (window, control) = (Some(Window { missed, ..control }), Some(control));
+            let recovered_us = Some(9_000.0);
+            let fault = Fault { manifested: true, active: true, recovered_us, window, control, ..Fault::default() };
+            let outcome = Outcome { ending: Ending::Closed, fault: Some(fault), ..Outcome::of(entry) };
+            let judgement = judge(&unbound(&campaign, cell), &plan, &[outcome], &[], None);
+            let figures = judgement.cells.iter().find(|figures| figures.name == entry.cell);
+            conclude(figures, &judgement.broken, &judgement.unknown, None)
+        };
+        // Twenty are what each death of a device may cost, and twenty more than that what any single fault may.
+        assert_eq!([20, 21, 40].map(|missed| repeated(missed).0), [0, 0, 0]);
+        assert!(repeated(21).1[0].starts_with("1 tick without"), "{:?}", repeated(21).1);
+        let (code, why) = repeated(41);
+        assert!(code == 1 && why[0].contains("the hand lost 41 ticks"), "{why:?}");
     }
 
     #[test]

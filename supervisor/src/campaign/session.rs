@@ -245,9 +245,9 @@ impl Session {
         let injection = seeded(&cell.injection);
         let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
         let done = match first.transpose() {
-            Err(reason) => Err(Omitted::Refused(reason)),
+            Err(omitted) => Err(omitted),
             Ok(_) => match self.second_tick(outcome, entry, cell, tick)? {
-                Some(tick) => self.inject(&injection, tick, entry.phase_us).map_err(Omitted::Refused),
+                Some(tick) => self.inject(&injection, tick, entry.phase_us),
                 None => Err(Omitted::NoHandOver),
             },
         };
@@ -256,8 +256,10 @@ impl Session {
         match done {
             Ok(Done { by_ns, struck_ns }) => self.close(outcome, cell, asked(by_ns, struck_ns)),
             Err(omitted) => {
+                let is_half = matches!(omitted, Omitted::Half(_));
                 (outcome.ending, outcome.reason) = omitted.ending(&cell.name);
-                if first_by_ns.is_some() { self.close_first(outcome, cell, asked(system::now_ns(), None)) } else { Ok(()) }
+                let was_begun = first_by_ns.is_some() || is_half && cell.with.is_none();
+                if was_begun { self.close_rest(outcome, cell, asked(system::now_ns(), None), is_half) } else { Ok(()) }
             }
         }
     }
@@ -275,11 +277,12 @@ impl Session {
     }
 
     /// Gives when a keeper was struck: of an engine the station says it, also where nobody has answered.
-    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Done, String> {
+    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Done, Omitted> {
         let start_ns = self.viewer.as_ref().map_or(0, |viewer| viewer.page().start_of(tick));
         system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most a quarter of a second, for a second fault
         if let Some(keepers) = Keepers::parse(&injection.target) {
-            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000).map(Done::at);
+            let struck_ns = self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000);
+            return struck_ns.map(Done::at).map_err(Omitted::Refused);
         }
         let request = Injection { tick, phase_us, ..injection.clone() };
         Done::of_answer(control::ask_once(&self.station, &Request::Fault(request)).map(drop), system::now_ns())

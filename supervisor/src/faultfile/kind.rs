@@ -276,6 +276,17 @@ impl FaultKind {
         self.mischief().is_some_and(Mischief::is_lie)
     }
 
+    /// Whether it is done to a process, or to all of them, and none need notice.
+    pub fn is_done_from_outside(self) -> bool {
+        matches!(self, FaultKind::Corrupt | FaultKind::NoFiles | FaultKind::ShmFull)
+    }
+
+    /// Whether lateness tells of it: not of a lie, for who lies may be in time, and not of what is done from outside, which makes nobody late by itself, so that
+    /// each stall of the host would tell of it.
+    pub fn is_found_by_lateness(self) -> bool {
+        !self.is_lie() && !self.is_done_from_outside()
+    }
+
     /// Whether it is a limit of its victim that is lowered.
     pub fn is_limit(self) -> bool {
         matches!(self, FaultKind::Oom | FaultKind::NoFiles)

@@ -140,6 +140,25 @@ fn what_a_fault_does_to_the_hand_later_is_in_no_control() {
     assert_eq!((control.from_tick, control.to_tick, control.missed, fault.control_early), (5_000, 5_200, 0, false));
 }
 
+/// A fault that had not recovered reached for 200 ticks, and what it did to the hand later was the control of another one.
+#[test]
+fn no_control_lies_in_a_fault_that_is_not_over() {
+    let (_station, mut faults) = book("goes-on");
+    faults.start("leak-memory", Slot::first(Role::Fluid), 7, 1_000).tick = 6_000;
+    let fault = faults.start("kill", Slot::first(Role::Recorder), 8, 1_000);
+    (fault.tick, fault.recovered_us) = (7_000, Some(100_000.0));
+    for tick in 0..7_600u64 {
+        let kind = if (6_300..7_600).contains(&tick) { Applied::Held } else { Applied::Fresh } as u32;
+        faults.ledger.push(&LedgerEntry { station_tick: tick, force_tick: tick, kind, ..LedgerEntry::default() }, true);
+    }
+    faults.close(false, |fault, is_over, has_control| fault.recovered_us.is_some() && is_over && has_control);
+    let [closed] = &faults.closed[..] else { panic!("{:?}", faults.closed) };
+    let (window, control) = closed.window.zip(closed.control).unwrap();
+    assert_eq!((closed.kind.as_str(), window.missed), ("kill", 200));
+    assert_eq!((control.from_tick, control.to_tick, control.missed), (5_800, 6_000, 0), "the one before it all");
+    assert_eq!((closed.aftermath, faults.open.faults.len()), (None, 1), "what comes after it is the other's, which goes on");
+}
+
 #[test]
 fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
     let (_station, mut faults) = book("lies");
@@ -152,6 +171,25 @@ fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
     assert_eq!(seen(&faults), [(false, None), (true, Some(3_000.0))]);
     faults.late(slots[0], 7, 9_000_000, 9_000_000, "tissue:1");
     assert_eq!(seen(&faults)[0], (true, Some(8_000.0)));
+}
+
+/// A stall of the host in the seconds of such a fault was its notice, and so the ticks that the stall took stood for what it costs.
+#[test]
+fn what_is_done_from_outside_is_not_found_by_lateness_and_is_by_an_end() {
+    let (_station, mut faults) = book("outside");
+    let slot = Slot::first(Role::Tissue);
+    let kinds = ["corrupt", "no-files", "shm-full", "stop", "spin", "block", "slow"];
+    for (incarnation, kind) in (1..).zip(kinds) {
+        faults.start(kind, slot, incarnation, 1_000_000);
+        faults.suspected(slot, incarnation, 4_000_000);
+    }
+    let found = |faults: &Faults| faults.all().map(|fault| (fault.detected_by.clone(), fault.detected_us)).collect::<Vec<_>>();
+    let [nobody, late] = [(String::new(), None), ("heartbeat".to_string(), Some(3_000.0))];
+    assert_eq!(found(&faults), [vec![nobody; 3], vec![late; 4]].concat());
+    faults.late(slot, 1, 9_000_000, 9_000_000, "heartbeat");
+    faults.died(slot, 2, Exit::Code(1), Death { at_ns: 5_000_000, open_ns: None, beat_ns: 4_000_000 });
+    let [ended, died] = [("heartbeat", 8_000.0), ("pidfd", 4_000.0)].map(|(by, us)| (by.to_string(), Some(us)));
+    assert_eq!(found(&faults)[..2], [ended, died]);
 }
 
 /// One that leaked was found, and killed while it handed its role over: its leak went on in the book for 40 s after its successor was there.

@@ -90,6 +90,9 @@ pub struct Figures {
     /// Below this it lies with some 95 %, station by station.
     #[serde(default)]
     pub mean_excess_misses_upper95: Option<f64>,
+    /// The same of the mean of [`Figures::beyond_misses`], of fewer than three stations fault by fault: a limit that it does not keep is not held.
+    #[serde(default)]
+    pub mean_beyond_misses_upper95: Option<f64>,
     /// Ticks right after the windows of the judged faults, in which no control lies, and how many of them missed their force.
     #[serde(default)]
     pub aftermath: [u64; 2],
@@ -186,14 +189,17 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     figures
 }
 
+/// Fewest stations by which the mean of what a fault costs beyond what it may is bounded.
+const LEAST_STATIONS: usize = 3;
+
 /// What the faults with a verdict add up to.
 #[derive(Default)]
 struct Sums {
     missed: Sides,
     late: Sides,
     alike: Sides,
-    /// By station: what its faults cost, and how many of them differ from their controls.
-    stations: BTreeMap<usize, (Vec<i64>, usize)>,
+    /// By station: what each of its faults cost, and what beyond that which it may.
+    stations: BTreeMap<usize, [Vec<i64>; 2]>,
 }
 
 impl Sums {
@@ -203,9 +209,9 @@ impl Sums {
         if is_alike {
             self.alike.add(excess);
         }
-        let (costs, differ) = self.stations.entry(station).or_default();
+        let [costs, beyond] = self.stations.entry(station).or_default();
         costs.push(lost);
-        *differ += usize::from(excess != 0);
+        beyond.push(excess);
     }
 
     fn close(self, figures: &mut Figures) {
@@ -217,10 +223,19 @@ impl Sums {
         figures.mean_excess_misses = Some(figures.excess_misses.iter().sum::<i64>() as f64 / judged as f64);
         figures.excess = Some(self.missed.excess());
         figures.excess_alike = Some(self.alike.excess()).filter(|alike| alike.faults < judged);
-        let spread: Vec<(usize, usize)> = self.stations.values().map(|(costs, differ)| (costs.len(), *differ)).collect();
+        let differ = |beyond: &[i64]| beyond.iter().filter(|excess| **excess != 0).count();
+        let spread: Vec<(usize, usize)> = self.stations.values().map(|[_, beyond]| (beyond.len(), differ(beyond))).collect();
         figures.together_in = together(&spread).and_then(|at| self.stations.keys().nth(at).copied());
-        let costs: Vec<Vec<i64>> = self.stations.into_values().map(|(costs, _)| costs).collect();
+        let (costs, beyond): (Vec<Vec<i64>>, Vec<Vec<i64>>) =
+            self.stations.into_values().map(|[costs, beyond]| (costs, beyond)).unzip();
         figures.mean_excess_misses_upper95 = mean_upper95(&costs);
+        // What two stations differ by says nothing of a third: their faults are drawn one by one, as the bound of their share takes them.
+        let units: Vec<Vec<i64>> = if beyond.len() < LEAST_STATIONS {
+            beyond.into_iter().flatten().map(|excess| vec![excess]).collect()
+        } else {
+            beyond
+        };
+        figures.mean_beyond_misses_upper95 = mean_upper95(&units);
     }
 }
 

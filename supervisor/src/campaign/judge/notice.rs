@@ -17,7 +17,7 @@ const LEAST_TOUCHING: u32 = 20;
 
 /// Whether a kind is done to a process, or to all of them, and none need notice.
 pub(super) fn is_done_from_outside(cell: &Cell) -> bool {
-    matches!(cell.injection.kind, FaultKind::Corrupt | FaultKind::NoFiles | FaultKind::ShmFull)
+    cell.injection.kind.is_done_from_outside()
 }
 
 /// Where such a fault is done.
@@ -35,7 +35,8 @@ pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, S
     let hand = fault.window.zip(fault.control).map_or(0, |(window, control)| excess(&window, &control));
     match fault.remains {
         _ if fault.dead => (true, format!("died, found by {}", fault.detected_by)),
-        _ if !fault.detected_by.is_empty() => (true, fault.detected_by.clone()),
+        // One that only missed its periods and lives on was late, as a host's stall makes anybody; older builds booked that as a notice.
+        _ if !["", "heartbeat"].contains(&fault.detected_by.as_str()) => (true, fault.detected_by.clone()),
         _ if others.is_some() => (true, "others died".into()),
         _ if sequel.began_anew() => (true, "a state began anew".into()),
         _ if has_ended => (true, "the station ended".into()),

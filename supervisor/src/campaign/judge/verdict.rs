@@ -19,7 +19,7 @@ pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
     figures
 }
 
-/// Why a bound within the limit holds nothing: the faults and their controls are not alike but for the fault, or the faults not independent.
+/// Why a bound within the limit holds nothing: the faults and their controls are not alike but for the fault, the faults not independent, or a few cost much.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unlike {
     /// More void ticks are late in windows than in controls: a kind that stalls the kernel is not held by leaving out what it stalls.
@@ -30,16 +30,24 @@ pub enum Unlike {
     States,
     /// Those that differ from their controls lie together in this station.
     Together(usize),
+    /// However few are worse, they cost so many ticks that the mean of all need not be within the limit.
+    Mean,
 }
 
 impl Unlike {
-    fn words(self) -> String {
+    fn words(self, figures: &Figures) -> String {
         match self {
             Unlike::Stalls => "more void ticks are late in the faults' windows than in their controls".into(),
             Unlike::Controls => "the controls lose more than the windows with a fault: they are not alike".into(),
             Unlike::States => "those whose controls began in the same state do not hold the limit alone".into(),
             Unlike::Together(station) => {
                 format!("those that differ from their controls lie together, most of them in station {station}")
+            }
+            Unlike::Mean => {
+                let beyond = &figures.beyond_misses;
+                let mean = beyond.iter().sum::<i64>() as f64 / beyond.len().max(1) as f64;
+                let bound = figures.mean_beyond_misses_upper95.unwrap_or(mean);
+                format!("ticks beyond their controls' and what they may cost, per fault: {mean:.4}, with 95 % below {bound:.4}")
             }
         }
     }
@@ -49,11 +57,12 @@ impl Unlike {
 pub fn unlike(figures: &Figures, limit: f64) -> Option<Unlike> {
     let stalls = figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit);
     let alike = figures.excess_alike.filter(|alike| least_faults(limit).is_some_and(|least| alike.faults >= least));
+    let costs_much = figures.mean_beyond_misses_upper95.is_some_and(|bound| bound > limit);
     match () {
         () if stalls => Some(Unlike::Stalls),
         () if figures.excess.is_some_and(|excess| excess.upper95 < 0.0) => Some(Unlike::Controls),
         () if alike.is_some_and(|alike| alike.upper95 > limit) => Some(Unlike::States),
-        () => figures.together_in.map(Unlike::Together),
+        () => figures.together_in.map(Unlike::Together).or(costs_much.then_some(Unlike::Mean)),
     }
 }
 
@@ -101,7 +110,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         figures.reasons.push(format!("{said_of_all}, limit {limit}"));
         figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
         figures.reasons.extend(figures.excess_alike.map(|excess| said("of those with a control in the same state", &excess)));
-        figures.reasons.extend(unlike(&figures, limit).map(Unlike::words));
+        figures.reasons.extend(unlike(&figures, limit).map(|unlike| unlike.words(&figures)));
     }
     if let (None, Verdict::Broken, Some(excess)) = (limit, figures.verdict, figures.excess.filter(|_| !is_wrong)) {
         figures.reasons.push(said("beyond doubt above its pool's limit, faults with excess misses, per fault", &excess));

@@ -43,12 +43,13 @@ impl Done {
         Done { by_ns: system::now_ns(), struck_ns: Some(struck_ns) }
     }
 
-    /// By what the supervisor answers now; an error if nothing was done.
-    pub(super) fn of_answer(answer: Result<(), NoAnswer>, now_ns: u64) -> Result<Done, String> {
+    /// By what the supervisor answers now; why not, if it was not done, or not as it was to be.
+    pub(super) fn of_answer(answer: Result<(), NoAnswer>, now_ns: u64) -> Result<Done, Omitted> {
         match answer {
-            Ok(()) | Err(NoAnswer::Half(_)) => Ok(Done { by_ns: now_ns, struck_ns: None }),
+            Ok(()) => Ok(Done { by_ns: now_ns, struck_ns: None }),
             Err(NoAnswer::Unanswered(_)) => Ok(Done { by_ns: now_ns + LATE_NS, struck_ns: None }),
-            Err(NoAnswer::Refused(reason)) => Err(reason),
+            Err(NoAnswer::Half(reason)) => Err(Omitted::Half(reason)),
+            Err(NoAnswer::Refused(reason)) => Err(Omitted::Refused(reason)),
         }
     }
 }
@@ -58,6 +59,8 @@ impl Done {
 pub(super) enum Omitted {
     /// It, or the one beside it, was refused, and why.
     Refused(String),
+    /// It, or the one beside it, came to one alone of the two whom it was for: another fault than the one that is judged, whose words say to whom.
+    Half(String),
     /// For the fault beside it a role was to be handed over, and none was.
     NoHandOver,
 }
@@ -66,7 +69,7 @@ impl Omitted {
     /// How the wait for a fault of this cell ended, and why.
     pub(super) fn ending(self, cell: &str) -> (Ending, String) {
         match self {
-            Omitted::Refused(reason) => (Ending::Refused, reason),
+            Omitted::Refused(reason) | Omitted::Half(reason) => (Ending::Refused, reason),
             Omitted::NoHandOver => (Ending::NoState, format!("no role was handed over for the first fault of {cell:?}")),
         }
     }
@@ -78,10 +81,10 @@ impl Session {
         let injections: Vec<&Injection> = [cell.with.as_ref(), Some(&cell.injection)].into_iter().flatten().collect();
         let expected = cell.faults() + cell.faults_beside();
         let close_ns = if cell.injection.kind == FaultKind::HangStart { CLOSE_START_NS } else { CLOSE_NS };
-        let mut ours = self.lines_of(outcome, &injections, expected, close_ns, asked)?;
+        let ours = self.lines_of(outcome, &injections, expected, close_ns, asked)?;
         if ours.len() >= expected {
-            outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
-            outcome.with = ours.into_iter().next().filter(|_| cell.with.is_some());
+            let (own, beside) = joined(ours, cell.faults());
+            (outcome.fault, outcome.with) = (own, beside.filter(|_| cell.with.is_some()));
         }
         if let (Some(fault), Some(viewer)) = (&mut outcome.fault, &self.viewer) {
             outcome.ending = Ending::Closed;
@@ -98,12 +101,18 @@ impl Session {
         Ok(())
     }
 
-    /// Waits until the fault beside one that was refused is closed, so that neither it nor what it brings about is anybody else's.
-    pub(super) fn close_first(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
-        if let Some(with) = &cell.with {
-            outcome.with = self.lines_of(outcome, &[with], cell.faults_beside(), CLOSE_NS, asked)?.pop();
-            self.be_quiet_after(outcome);
+    /// Waits until what was done although the fault counts as refused is closed, so that neither it nor what it brings about is anybody else's: the fault beside
+    /// it, and what was done by half.
+    pub(super) fn close_rest(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked, is_half: bool) -> Result<(), Trouble> {
+        let own = Some(&cell.injection).filter(|_| is_half);
+        let injections: Vec<&Injection> = cell.with.as_ref().into_iter().chain(own).collect();
+        let expected = cell.faults_beside() + usize::from(is_half);
+        let mut ours = self.lines_of(outcome, &injections, expected, CLOSE_NS, asked)?;
+        if is_half && ours.len() >= expected {
+            outcome.fault = ours.pop();
         }
+        outcome.with = ours.pop().filter(|_| cell.with.is_some());
+        self.be_quiet_after(outcome);
         Ok(())
     }
 
@@ -176,6 +185,33 @@ fn sort(ours: &mut [Fault], is_of_second: impl Fn(&Fault) -> bool) {
     ours.sort_by_key(|fault| (is_of_second(fault), fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
 }
 
+/// What is known of a fault, by its lines, which are the last, and of the one beside it: of two that were hit at once the one that took longer tells, with the
+/// harm of both.
+fn joined(mut ours: Vec<Fault>, own: usize) -> (Option<Fault>, Option<Fault>) {
+    let own = ours.split_off(ours.len().saturating_sub(own));
+    (own.into_iter().rev().reduce(with_harm_of), ours.into_iter().reduce(with_harm_of))
+}
+
+/// One of two that were hit at once, for both: it came about if both did, the hand was given what was wrong of either, and the force stepped as far as beside
+/// either. What its window lost beyond its control's is its own.
+fn with_harm_of(mut fault: Fault, other: Fault) -> Fault {
+    fault.manifested &= other.manifested;
+    if other.promise_held == Some(false) {
+        fault.promise_held = Some(false);
+    }
+    if let Some((window, of_other)) = fault.window.as_mut().zip(other.window) {
+        if of_other.force_step_max_n > window.force_step_max_n {
+            fault.step = other.step;
+        }
+        window.wrong = window.wrong.saturating_add(of_other.wrong);
+        window.force_step_max_n = window.force_step_max_n.max(of_other.force_step_max_n);
+        let larger = |one: Option<f64>, two: Option<f64>| if two > one { two } else { one }; // none is less than any
+        window.open_step_max_n = larger(window.open_step_max_n, of_other.open_step_max_n);
+        window.contact_step_max_n = larger(window.contact_step_max_n, of_other.contact_step_max_n);
+    }
+    fault
+}
+
 /// Whether a closed fault is the injected one.
 fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
     if let Some(keepers) = Keepers::parse(&injection.target) {
@@ -189,6 +225,7 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ledger::Window;
 
     #[test]
     fn lines_are_read_once_and_whole_and_what_was_read_is_not_read_again() {
@@ -209,9 +246,9 @@ mod tests {
         let now_ns = 50_000_000_000;
         let answers = [Ok(()), Err(NoAnswer::Unanswered("busy".into())), Err(NoAnswer::Refused("no such spare".into()))];
         let [answered, lost, refused] = answers.map(|answer| Done::of_answer(answer, now_ns));
-        assert_eq!(refused, Err("no such spare".into()));
+        assert_eq!(refused, Err(Omitted::Refused("no such spare".into())));
         let injection = Injection::now(FaultKind::Kill, "tissue:active");
-        let is_found = |done: &Result<Done, String>, injected_ns: u64| {
+        let is_found = |done: &Result<Done, Omitted>, injected_ns: u64| {
             let Done { by_ns, struck_ns } = done.clone().unwrap();
             let fault = Fault { kind: "kill".into(), target: "tissue:1".into(), injected_ns, ..Fault::default() };
             is_of(&fault, &injection, Asked { sent_ns: now_ns - 10_000_000, by_ns, struck_ns })
@@ -228,6 +265,43 @@ mod tests {
         assert_eq!(Omitted::NoHandOver.ending("kill guardian in a hand-over"), (Ending::NoState, reason.into()));
         let refused = Omitted::Refused("no such spare".into());
         assert_eq!(refused.ending("kill guardian in a hand-over"), (Ending::Refused, "no such spare".into()));
+    }
+
+    /// It was waited for as if it had come to both, for two minutes, and was a broken promise then.
+    #[test]
+    fn a_fault_that_came_to_one_alone_of_two_counts_as_refused_with_its_words() {
+        let words = "tissue:both: tissue:1 is not alive now; wait until it is back; tissue:0 was hit alone";
+        let omitted = Done::of_answer(Err(NoAnswer::Half(words.into())), 50_000_000_000).unwrap_err();
+        assert_eq!(omitted, Omitted::Half(words.into()));
+        assert_eq!(omitted.ending("kill tissue:both"), (Ending::Refused, words.into()));
+    }
+
+    /// What the one that recovered sooner had done to the hand stood nowhere.
+    #[test]
+    fn of_two_that_were_hit_at_once_the_harm_of_both_counts_and_the_loss_of_the_one_that_took_longer() {
+        let fault = |target: &str, missed: u64, wrong: u64, open_n: f64, contact_n: Option<f64>| {
+            let (open_step_max_n, contact_step_max_n) = (Some(open_n), contact_n);
+            let force_step_max_n = open_n.max(contact_n.unwrap_or(0.0));
+            let window =
+                Window { ticks: 200, missed, wrong, force_step_max_n, open_step_max_n, contact_step_max_n, ..Window::default() };
+            let (target, promise_held) = (target.into(), Some(wrong == 0));
+            Fault { target, manifested: true, promise_held, window: Some(window), ..Fault::default() }
+        };
+        let [first, sooner, later] = [
+            fault("tissue:0", 1, 0, 0.9, None),
+            fault("haptic:1", 30, 4, 0.3, None),
+            Fault { promise_held: None, ..fault("haptic:0", 90, 1, 0.1, Some(0.2)) },
+        ];
+        let (own, beside) = joined(vec![first.clone(), sooner.clone(), later.clone()], 2);
+        assert_eq!(beside, Some(first), "the one beside them is another");
+        let own = own.unwrap();
+        let window = own.window.unwrap();
+        assert_eq!((own.target.as_str(), window.missed, window.wrong), ("haptic:0", 90, 5));
+        assert_eq!((window.open_step_max_n, window.contact_step_max_n), (Some(0.3), Some(0.2)));
+        assert_eq!((window.force_step_max_n, own.manifested, own.promise_held), (0.3, true, Some(false)));
+        let silent = Fault { manifested: false, ..sooner };
+        assert!(!joined(vec![silent, later.clone()], 2).0.unwrap().manifested, "it came to one alone");
+        assert_eq!(joined(vec![later.clone()], 1), (Some(later), None));
     }
 
     /// Of both of a role, killed beside a damaged checkpoint, one counted as the damage; and a keeper as what came before it, by its last heartbeat.
