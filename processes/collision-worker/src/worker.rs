@@ -1,11 +1,11 @@
 //! A Synchronized Process: its author writes one function, the test of a share. It reads the tissue's state and the hash in place, and
 //! writes its hits in place.
 //!
-//! Promise: a release is always answered; what cannot be computed (the state has not come, say) is answered with nothing, and the
-//! coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it would be laid to
-//! whoever found them.
+//! Promise: a release is always answered; what cannot be computed (the state has not come, say) is answered with nothing, what has more hits than there is
+//! room for as that, and the coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it
+//! would be laid to whoever found them.
 
-use hyst_contact::{Cull, HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
+use hyst_contact::{Cull, Found, HITS_OF_A_POINT, HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
 use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
@@ -17,10 +17,10 @@ use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, job_hash, topology_is_sound};
+use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, TOO_MANY_HITS, job_hash, topology_is_sound};
 use std::sync::Arc;
 
-/// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
+/// Most hits of one share, which are those of 4 096 points; one with more is answered with [`TOO_MANY_HITS`], and the coordinator computes it.
 const MAX_HITS: usize = 8192;
 /// Room for so many nodes of tissue from the start; with more it grows once.
 const USUAL_NODES: usize = 32_768;
@@ -64,6 +64,8 @@ enum Nothing {
     Absent,
     /// What this tissue has sent for it cannot be.
     Invalid(u32),
+    /// There are more hits than there is room for, here or at the coordinator's.
+    TooMany,
 }
 
 /// The whole life of a worker.
@@ -121,7 +123,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         let woken_ns = system::now_ns();
         // What cannot be computed is computed by the coordinator; the release is answered all the same.
         match worker.borrow_mut().share(release) {
-            Ok(()) => {}
+            Ok(()) | Err(Nothing::TooMany) => {}
             Err(Nothing::Absent) => life.page.add64(header::INVALID, 1),
             Err(Nothing::Invalid(tissue)) => life.refuse(tissue, Distrust::Invalid),
         }
@@ -177,6 +179,12 @@ fn job_of(bytes: &[u8]) -> Option<Job<'_>> {
     let &[only_from, beyond] = message.section::<u32>(4).ok()? else { return None };
     let is_whole = hash.is_of(points_m) && owner.len() == points_m.len() && node.len() == points_m.len();
     is_whole.then_some(Job { header: *message.header(), points_m, hash, owner, node, own: [only_from, beyond] })
+}
+
+/// How many hits are told of those that were found of so many points: all, or none where not all were kept, or the coordinator has no room for them.
+fn told(found: Found, points: usize) -> Result<usize, Nothing> {
+    let is_all = found.dropped == 0 && found.count <= HITS_OF_A_POINT * points;
+    if is_all { Ok(found.count) } else { Err(Nothing::TooMany) }
 }
 
 impl Worker<'_> {
@@ -244,16 +252,19 @@ impl Worker<'_> {
         let job = job_of(held.bytes()).ok_or(Nothing::Invalid(release.coordinator))?;
         let (header, about) = (job.header, job_hash(bytemuck::cast_slice(job.points_m)));
         let share = Share { index: release.index as u32, count: header.words[0], split: Split::Tets };
-        let Some(count) = self.found(&job, share.index) else {
-            // Of none of its shares: so that the coordinator does not take it for an answer to another job.
-            self.answer(header, Share { count: 0, ..share }, 0, about).ok_or(Nothing::Absent)?;
-            return Err(Nothing::Absent);
-        };
-        self.answer(header, share, (self.tells)(count).min(count), about).ok_or(Nothing::Absent)
+        match self.found(&job, share.index).ok_or(Nothing::Absent).and_then(|found| told(found, job.points_m.len())) {
+            Ok(count) => self.answer(header, share, (self.tells)(count).min(count), about).ok_or(Nothing::Absent),
+            Err(why) => {
+                // Of none of its shares: so that the coordinator does not take it for an answer to another job.
+                let count = if why == Nothing::TooMany { TOO_MANY_HITS } else { 0 };
+                self.answer(header, Share { count, ..share }, 0, about).ok_or(Nothing::Absent)?;
+                Err(why)
+            }
+        }
     }
 
-    /// How many hits are found in a share of a job, in the state that it is about.
-    fn found(&mut self, job: &Job<'_>, index: u32) -> Option<usize> {
+    /// What is found in a share of a job, in the state that it is about.
+    fn found(&mut self, job: &Job<'_>, index: u32) -> Option<Found> {
         let about = |held: &&Held| {
             Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| {
                 let (state, job) = (state.header(), &job.header);
@@ -271,8 +282,7 @@ impl Worker<'_> {
         let [only_from, beyond] = job.own;
         let own = OwnContact { rest_m: topology.section(7).ok()?, beyond_m: f32::from_bits(beyond), only_from };
         let points = Points { owner: job.owner, node: job.node, own: Some(own) };
-        let found = intersect(share, &job.hash, &points, &tissue, self.cull.of(version), &mut self.hits).ok()?;
-        (found.dropped == 0).then_some(found.count)
+        intersect(share, &job.hash, &points, &tissue, self.cull.of(version), &mut self.hits).ok()
     }
 
     /// The hits, and which points they are of: hits that stand still while the tool moves are not taken for new ones.
@@ -329,6 +339,14 @@ mod tests {
         assert!(!is_taken(3, |it| it.section::<f32>(0).unwrap()[4] = f32::NAN));
         assert!(!is_taken(3, |it| it.section::<f32>(0).unwrap()[8] = 0.5));
         assert!(!is_taken(3, |it| it.section::<u32>(1).unwrap()[0] = f32::NAN.to_bits()), "no table");
+    }
+
+    /// It was answered as if what the job is about had not come, for which a worker is replaced after half a second, and so is its successor.
+    #[test]
+    fn a_share_with_more_hits_than_there_is_room_for_is_told_as_that() {
+        let told = |count, dropped| told(Found { count, dropped }, 100);
+        assert_eq!([told(0, 0), told(200, 0)], [Ok(0), Ok(200)]);
+        assert_eq!([told(201, 0), told(MAX_HITS, 1), told(10, 1)], [Err(Nothing::TooMany); 3]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! `tissue bench tissue|contact [--mesh FILE] [--json]`: times the parts of a Main Loop step on one core, outside of any station.
 //!
-//! `tissue` gives a row for each instruction set and one for a cut, `contact` one for the scene's tool and one for a tool of 1 000 points. Without a mesh
-//! the paper's three scenes follow ([`paper`]), and for `tissue` blocks from 1 080 to 50 400 tets ([`linear`]), and those that other libraries are given with as
+//! `tissue` gives a row for each instruction set and one for a cut, with all that is made anew for it in an open cavity (`whole`) and in one that is shut
+//! (`whole_shut`), `contact` one for the scene's tool and one for a tool of 1 000 points. Without a mesh the paper's three scenes
+//! follow ([`paper`]), and for `tissue` blocks from 1 080 to 50 400 tets ([`linear`]), and those that other libraries are given with as
 //! few substeps as they have ([`equal`]). Targets are rows too, and a missed one is exit code 1. `limit_ratio` is the time over that of reading every tet's corners
 //! once (once a substep for the deformation; a test that remembers which are near looks at all of them in few steps); of the deformation `arithmetic` has the same
 //! for its operations ([`limit`]). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine;
@@ -161,7 +162,8 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     let (cut_ns, model_ns, topology_ns) = (all_ns(&knife.cut_ns), all_ns(&knife.model_ns), all_ns(&knife.topology_ns));
     let sum_ns = (cut_ns + model_ns + topology_ns).max(1.0);
     let (ticks, changes, tets) = (knife.cut_ns.len(), knife.model_ns.len(), knife.tets[0]);
-    let (whole, targets) = cuts(scene, &knife::PLACES, MOST_CUT_MS)?;
+    let (whole, targets) = cuts(scene, &knife::PLACES, MOST_CUT_MS, false)?;
+    let (whole_shut, _) = cuts(scene, &knife::PLACES, MOST_CUT_MS, true)?;
     let row = json!({
         "scene": scene.scene.name,
         "method": "a wire drawn through the pathology at 0.2 m/s",
@@ -176,6 +178,7 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
         "model_us": spread(&mut knife.model_ns, US),
         "topology_us": spread(&mut knife.topology_ns, US),
         "whole": whole,
+        "whole_shut": whole_shut,
         "share": { "cut": cut_ns / sum_ns, "model": model_ns / sum_ns, "topology": topology_ns / sum_ns },
         "speedup": { "1": 1.0 },
         "peers": {},
@@ -185,10 +188,11 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
 }
 
 /// Cuts as the Main Loop makes them, with all that is made anew for them, in strokes through some places: how long they take, and of each stage half of them,
-/// how many there are and how many were refused. And whether half of them, and 95 of 100, take no longer than they may.
-fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64) -> Result<(Value, [Value; 2]), String> {
+/// how many there are and how many were refused. And whether half of them, and 95 of 100, take no longer than they may. In a cavity that is shut
+/// also what holds it so is made, where it closes.
+fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64, is_shut: bool) -> Result<(Value, [Value; 2]), String> {
     let tets: usize = scene.objects.iter().map(|object| object.mesh.tets.len()).sum();
-    let knife::Cuts { whole_ns: mut times_ns, mut stages_ns, refused } = knife::whole(scene, Isa::detect(), places)?;
+    let knife::Cuts { whole_ns: mut times_ns, mut stages_ns, refused } = knife::whole(scene, Isa::detect(), places, is_shut)?;
     let stage = |(name, times_ns): (&str, &mut Vec<u64>)| (name.to_owned(), json!(quantile_ns(times_ns, 0.5) / US));
     let stages_us: Map<String, Value> = knife::STAGES.into_iter().zip(&mut stages_ns).map(stage).collect();
     let mut us = spread(&mut times_ns, US);

@@ -12,7 +12,7 @@ use crate::body::Body;
 use crate::world::World;
 use hyst_messages::PA_PER_MMHG;
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::holding_forces;
+use hyst_tissue::{Model, holding_forces};
 use slit::Slit;
 
 /// The share of the parting pressure below which the cavity is closed wholly: walls part at 25 to 50 mmHg with a median of 40, and the lowest is taken for
@@ -90,6 +90,15 @@ impl Closing {
         let share = (self.parting_pa - pressure_pa) / ((1.0 - CLOSED_SHARE) * self.parting_pa);
         LAG_SHARE + (1.0 - LAG_SHARE) * share.clamp(0.0, 1.0)
     }
+
+    /// The forces that hold the cavity of a body shut, N, one for each node; none at all where it does not close.
+    pub fn shut_n(&self, model: &Model, body: &Body) -> Vec<[f32; 3]> {
+        let Some(slit) = &self.slit else { return Vec::new() };
+        let shape_m = slit.shape_m(body);
+        let mut held_n = vec![[0.0; 3]; shape_m.len()];
+        holding_forces(model, &shape_m, &mut held_n);
+        held_n
+    }
 }
 
 /// The share of the forces that hold a cavity shut, of how far it is closed: none at first, then ever more, and all in the end without a jerk.
@@ -99,7 +108,7 @@ pub fn share(closed: f32) -> f32 {
 }
 
 impl World {
-    /// Adds a share of the forces that hold the cavity shut, N; at share 0 nothing. Who asks for the first share of a world makes the forces.
+    /// Adds a share of the forces that hold the cavity shut, N; at share 0 nothing. Where nobody has made the forces of this world they are made here.
     pub fn shut(&self, share: f32, node_force_n: &mut [[f32; 3]]) {
         if share == 0.0 {
             return;
@@ -111,13 +120,7 @@ impl World {
 
     /// The forces that hold the cavity shut, N, one for each node; none at all where it does not close.
     pub fn shut_n(&self) -> &[[f32; 3]] {
-        self.shut_n.get_or_init(|| {
-            let Some(slit) = &self.case.closing.slit else { return Vec::new() };
-            let shape_m = slit.shape_m(&self.body);
-            let mut held_n = vec![[0.0; 3]; shape_m.len()];
-            holding_forces(&self.model, &shape_m, &mut held_n);
-            held_n
-        })
+        self.shut_n.get_or_init(|| self.case.closing.shut_n(&self.model, &self.body))
     }
 }
 

@@ -7,8 +7,9 @@ use crate::through::{Passage, Through};
 use crate::world::{TOOL_ID, World};
 use glam::Vec3;
 use hyst_contact::{
-    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput, PenetrationParams,
-    PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face, penetration, planes,
+    ContactForce, Gap, HITS_OF_A_POINT, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput,
+    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face,
+    penetration, planes,
 };
 use hyst_engine::Failure;
 use hyst_tissue::{ContactLaw, Hold, PairSpring, PlaneSpring, Scratch, StateRef, gather};
@@ -281,9 +282,9 @@ impl Contacts {
     }
 }
 
-/// Room for hits: each point in at most two objects.
+/// Room for hits: each point in at most two objects. Nobody's share may have more.
 pub fn max_hits(world: &World) -> usize {
-    2 * world.points.len()
+    HITS_OF_A_POINT * world.points.len()
 }
 
 #[cfg(test)]

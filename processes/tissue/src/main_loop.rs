@@ -251,7 +251,12 @@ impl Stateful for MainLoop<'_> {
     }
 
     fn prepare(&mut self, newest: &[u8]) -> Result<(), Failure> {
-        self.adopt(&Message::parse(newest, Kind::TissueState)?)
+        let message = Message::parse(newest, Kind::TissueState)?;
+        self.adopt(&message)?;
+        if message.record::<Core>(0).is_ok_and(|core| core.closed > 0.0) {
+            self.world.shut_n();
+        }
+        Ok(())
     }
 
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {

@@ -116,7 +116,7 @@ pub struct World {
     pub drifters: Vec<Drifter>,
     /// Whether no stroke has cut the organ that has the cavity: one that is cut stays open, or opens.
     pub is_organ_whole: bool,
-    /// The forces that hold the cavity shut, once somebody has asked for them.
+    /// The forces that hold the cavity shut, once somebody has asked for them: those of a mesh that is cut while it is shut or shutting are made with it.
     pub shut_n: OnceLock<Vec<[f32; 3]>>,
     /// What its tets fill.
     pub filled: Filled,
@@ -212,9 +212,9 @@ impl Workshop {
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.lock().options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let derived = Derived::of(&workshop.case, &mut workshop.faces, &body, None, &mut || ())?;
-        let mut world = derived.with(&workshop.case, body, model);
+        let mut world = derived.with(&workshop.case, body, model, None);
         world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
-        // Now, so that no step of an organ that is whole has to.
+        // Now, so that no step of a mesh that is not cut has to.
         world.shut_n();
         Ok((workshop, world))
     }
@@ -223,15 +223,22 @@ impl Workshop {
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
         let derived = Derived::of(&self.case, &mut self.faces, &body, None, &mut || ())?;
-        Ok(derived.with(&self.case, body, model))
+        Ok(derived.with(&self.case, body, model, None))
     }
 
     /// The world of a body that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
     /// alone, without a spare or a successor. Who knows already what holds the body says it. The tissue stands still meanwhile, so the model is made on another
-    /// core. Calls `passed` once the faces and the points of contact are made, then once the body is packed.
-    pub fn make_sound(&mut self, body: Body, held: Option<Held>, passed: &mut impl FnMut()) -> Result<World, Failure> {
+    /// core, and there, too, the forces that hold the cavity shut, where it is or comes to be (`is_shut`). Calls `passed` once the faces and the points of
+    /// contact are made, then once the body is packed.
+    pub fn make_sound(
+        &mut self,
+        body: Body,
+        held: Option<Held>,
+        is_shut: bool,
+        passed: &mut impl FnMut(),
+    ) -> Result<World, Failure> {
         let (body, case) = (Arc::new(body), Arc::clone(&self.case));
-        let job = Job::of(self, &body);
+        let job = Job::of(self, &body, is_shut);
         let faces = &mut self.faces;
         let derive = || {
             let derived = Derived::of(&case, faces, &body, held, passed);
@@ -245,9 +252,9 @@ impl Workshop {
                 (job.done(), derived)
             }
         };
-        let (model, _) = made?;
+        let (model, shut_n) = made?;
         let body = Arc::try_unwrap(body).unwrap_or_else(|shared| Body::clone(&shared));
-        let world = derived?.with(&case, body, model);
+        let world = derived?.with(&case, body, model, shut_n);
         let is_sound = world.body.fits(&case.room) && world.filled.is_everywhere;
         if !is_sound {
             return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));

@@ -16,6 +16,9 @@ pub struct Hit {
     pub weights: [f32; 4],
 }
 
+/// Most hits of a point that there is room for, in the mean of all of them: two objects in which it lies.
+pub const HITS_OF_A_POINT: usize = 2;
+
 /// How much a step wrote and how much did not fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[must_use]

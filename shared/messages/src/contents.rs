@@ -153,7 +153,7 @@ pub static CONTENTS: [Content; 8] = [
     Content {
         kind: Kind::Contacts,
         when: "at each release by the tissue's Meeting Point",
-        header: "tick and epoch of the job; words: index and count of the share, a count of 0 where what the job is about has not come",
+        header: "tick and epoch of the job; words: index and count of the share; as count 0 where what the job is about has not come, u32::MAX for too many hits",
         readers: &[Role::Tissue],
         refused: "another tick, epoch, share or job; a hit that is not true to the last bit, a share that leaves one out",
         sections: &[

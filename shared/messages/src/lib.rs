@@ -79,6 +79,9 @@ pub fn job_hash(words: &[u32]) -> u64 {
     fnv_words(words.len() as u64, chains.into_iter().chain(rest.iter().map(|word| u64::from(*word))))
 }
 
+/// In the place of the count of shares, where a worker has found more hits than there is room for: nobody's fault, and the coordinator computes the share.
+pub const TOO_MANY_HITS: u32 = u32::MAX;
+
 /// Version and hash of the layout in one word, as a recording has it: states of one name can be read by who is built with the same.
 pub fn layout_name() -> String {
     format!("{LAYOUT_VERSION}/{:016x}", layout_hash())

@@ -66,7 +66,7 @@ pub fn steps() -> Result<Vec<Value>, String> {
         let step_ms = usual_ns(&mut record.steps_ns(|_| true)) / 1e6;
         let name = format!("step of {} tets with {THREADS} threads, ms", press.tets());
         targets.push(target(&name, step_ms, aim.step_ms, false));
-        let (cut, of_cuts) = cuts(&scene, &PLACES, aim.step_ms)?;
+        let (cut, of_cuts) = cuts(&scene, &PLACES, aim.step_ms, false)?;
         row["cut"] = cut;
         targets.extend(of_cuts);
         rows.push(row);

@@ -57,13 +57,13 @@ impl MainLoop<'_> {
         hand: &Hand,
         nodes: (&[[f32; 3]], &[[f32; 3]]),
     ) -> Result<Change, Failure> {
-        let cut = self.cut(message, hand.wire_m.as_deref(), nodes)?;
+        let cut = self.cut(message, hand, nodes)?;
         // While the wire cuts nothing leaves: the stroke names the tets that it is in.
         let draw = hand.draw.filter(|_| hand.wire_m.is_none());
         let washed = draw.and_then(|draw| Some(draw.leaving(&self.world.drifters, nodes.0)?.object()));
         let taken = self.is_out(hand).then(|| self.in_the_jaws()).flatten();
         // One at most: the next leaves in the next step.
-        let left = washed.or(taken).and_then(|object| self.let_go(object).map(|left| (object, left)));
+        let left = washed.or(taken).and_then(|object| self.let_go(object, hand).map(|left| (object, left)));
         let removed_ml = cut.removed_ml + left.map_or(0.0, |(_, left)| left.removed_ml);
         let volume_ml = |of: Option<u32>| left.filter(|(object, _)| of == Some(*object)).map(|(_, left)| left.volume_ml);
         let taken = taken.filter(|_| washed.is_none());
@@ -82,18 +82,18 @@ impl MainLoop<'_> {
     }
 
     /// Goes on without a piece. What is left has a model as it had one with the piece; if it had none, the piece stays.
-    fn let_go(&mut self, object: u32) -> Option<Left> {
+    fn let_go(&mut self, object: u32, hand: &Hand) -> Option<Left> {
         let volume_ml = 1e6 * self.world.body.volume_of_m3(object);
         // One that came free has been counted then; one that the scene has free is removed now.
         let is_removed = self.world.case.is_loose_in_scene(object) && self.world.case.is_pathology(&self.world.body, object);
-        let world = self.made(self.world.body.without(object)).ok()?;
+        let world = self.made(self.world.body.without(object), hand.is_shut()).ok()?;
         self.take_world(world);
         Some(Left { volume_ml, removed_ml: if is_removed { volume_ml } else { 0.0 } })
     }
 
-    /// The world of a mesh that this process has changed, if everybody would take it.
-    pub(super) fn made(&mut self, body: Body) -> Result<World, Failure> {
-        self.workshop.make_sound(body, None, &mut || ())
+    /// The world of a mesh that this process has changed, if everybody would take it; where its cavity is shut, with the forces that hold it so.
+    pub(super) fn made(&mut self, body: Body, is_shut: bool) -> Result<World, Failure> {
+        self.workshop.make_sound(body, None, is_shut, &mut || ())
     }
 
     /// Goes on with another world; what was made for the one before is made anew.
@@ -131,27 +131,24 @@ impl MainLoop<'_> {
     }
 
     /// Cuts with what the wire has swept; tells whether the mesh is another one now, what that removed, and what of it came free.
-    fn cut(
-        &mut self,
-        message: &Message<'_>,
-        wire_m: Option<&[[f32; 3]]>,
-        nodes: (&[[f32; 3]], &[[f32; 3]]),
-    ) -> Result<Change, Failure> {
-        let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
+    fn cut(&mut self, message: &Message<'_>, hand: &Hand, nodes: (&[[f32; 3]], &[[f32; 3]])) -> Result<Change, Failure> {
+        let swept = self.knife.sweep(&self.world, hand.wire_m.as_deref(), message.section(STROKE)?, nodes);
         let refused = match swept {
             Ok(Stroke::None) => return Ok(Change::default()),
             Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
-            Ok(Stroke::Cut { body, held, parted, is_limited }) => match self.workshop.make_sound(*body, Some(held), &mut || ()) {
-                Ok(world) => {
-                    let removed_ml = 1e6 * removed_m3(&self.world, &world);
-                    let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
-                    let healthy_ml = 1e6 * healthy_removed_m3(&self.world, &world);
-                    self.take_world(world);
-                    let change = Change { is_cut: true, removed_ml, freed_ml, healthy_ml, ..Change::default() };
-                    return Ok(self.limited(change, is_limited));
+            Ok(Stroke::Cut { body, held, parted, is_limited }) => {
+                match self.workshop.make_sound(*body, Some(held), hand.is_shut(), &mut || ()) {
+                    Ok(world) => {
+                        let removed_ml = 1e6 * removed_m3(&self.world, &world);
+                        let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
+                        let healthy_ml = 1e6 * healthy_removed_m3(&self.world, &world);
+                        self.take_world(world);
+                        let change = Change { is_cut: true, removed_ml, freed_ml, healthy_ml, ..Change::default() };
+                        return Ok(self.limited(change, is_limited));
+                    }
+                    Err(error) => error.to_string(),
                 }
-                Err(error) => error.to_string(),
-            },
+            }
             Err(error) => error.to_string(),
         };
         // The tissue stays as it was.

@@ -43,6 +43,11 @@ impl Hand {
         ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
+    /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.
+    pub(super) fn is_shut(&self) -> bool {
+        self.next_closed > 0.0
+    }
+
     /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, what became of
     /// the mesh, and what the deformation says of itself.
     pub(super) fn core(

@@ -57,14 +57,14 @@ impl Derived {
         Ok(Derived { words, version, topology, attachments, points, wall, objects, filled })
     }
 
-    /// The world of that body, with its model.
-    pub(super) fn with(self, case: &Arc<Case>, body: Body, model: Model) -> World {
+    /// The world of that body, with its model, and with the forces that hold its cavity shut where they are made already.
+    pub(super) fn with(self, case: &Arc<Case>, body: Body, model: Model, shut_n: Option<Vec<[f32; 3]>>) -> World {
         let Derived { words, version, topology, attachments, points, wall, objects, filled } = self;
         World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
             is_organ_whole: case.closing.is_whole(&body),
-            shut_n: OnceLock::new(),
+            shut_n: shut_n.map_or_else(OnceLock::new, OnceLock::from),
             notes: Vec::new(),
             points,
             objects,

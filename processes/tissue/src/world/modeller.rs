@@ -1,5 +1,5 @@
 //! A thread that makes the model of what a cut has left while the one that steps makes the faces and packs the body: the tissue stands still meanwhile, and the
-//! model takes as long as the rest.
+//! model takes as long as the rest. What holds a cavity shut, which is known by the model, is made behind it where it is asked for.
 //!
 //! Promise: nobody waits for a job that has not been begun: on a busy machine the thread may come late, and then its job is taken back. It has the priority of who
 //! waits for it, and has nothing to do where that one is an ordinary thread. What is made is the same, whoever makes it.
@@ -10,7 +10,7 @@ use crate::body::Body;
 use crossbeam::channel::{Receiver, Sender, bounded};
 use hyst_engine::Failure;
 use hyst_exchange::system;
-use hyst_tissue::{Model, ModelMaker, ModelReport};
+use hyst_tissue::{Model, ModelMaker};
 use parking_lot::Mutex;
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,8 +20,8 @@ const WITHIN: Duration = Duration::from_secs(5);
 /// Stack of the thread, bytes: locked memory is brought in whole.
 const STACK_BYTES: usize = 512 << 10;
 
-/// The model of a body, or why there is none.
-type Made = Result<(Model, ModelReport), Failure>;
+/// The model of a body, with the forces that hold its cavity shut, N, where they were asked for; or why there is none.
+type Made = Result<(Model, Option<Vec<[f32; 3]>>), Failure>;
 
 /// What a model is to be made of.
 pub(super) struct Job {
@@ -29,18 +29,23 @@ pub(super) struct Job {
     case: Arc<Case>,
     first_substeps: u32,
     body: Arc<Body>,
+    /// What holds the cavity shut is asked for.
+    is_shut: bool,
 }
 
 impl Job {
-    /// That of a body.
-    pub(super) fn of(workshop: &Workshop, body: &Arc<Body>) -> Job {
+    /// That of a body, with what holds its cavity shut or without.
+    pub(super) fn of(workshop: &Workshop, body: &Arc<Body>, is_shut: bool) -> Job {
         let Workshop { case, maker, first_substeps, .. } = workshop;
-        Job { maker: Arc::clone(maker), case: Arc::clone(case), first_substeps: *first_substeps, body: Arc::clone(body) }
+        let (maker, case, body) = (Arc::clone(maker), Arc::clone(case), Arc::clone(body));
+        Job { maker, case, first_substeps: *first_substeps, body, is_shut }
     }
 
     /// Does it.
     pub(super) fn done(self) -> Made {
-        model_of(&mut self.maker.lock(), &self.case, self.first_substeps, &self.body)
+        let (model, _) = model_of(&mut self.maker.lock(), &self.case, self.first_substeps, &self.body)?;
+        let shut_n = self.is_shut.then(|| self.case.closing.shut_n(&model, &self.body));
+        Ok((model, shut_n))
     }
 }
 
@@ -119,27 +124,32 @@ mod tests {
     #[test]
     fn a_model_is_the_same_whoever_makes_it_and_a_job_that_nobody_begins_is_taken_back() {
         let (mut workshop, world) = opened();
-        let (body, model) = (Arc::new(world.body.clone()), workshop.make(world.body.clone()).unwrap().model);
-        let job = || Job::of(&workshop, &body);
+        let (body, alone) = (Arc::new(world.body.clone()), workshop.make(world.body.clone()).unwrap());
+        let expected = (alone.model.clone(), Some(alone.shut_n().to_vec()));
+        assert!(expected.1.iter().flatten().any(|force_n| *force_n != [0.0; 3]), "the default scene's cavity closes");
+        let job = || Job::of(&workshop, &body, true);
         let may_be_real_time = system::become_fifo(1);
         let (mut never, untaken, told) = without_thread(system::own_priority());
         let (made, other) = never.both(job(), || (untaken.len(), 7));
-        assert!(made.unwrap().0 == model && other == (usize::from(may_be_real_time), 7), "it is given, and taken back");
+        assert!(made.unwrap() == expected && other == (usize::from(may_be_real_time), 7), "it is given, and taken back");
         if may_be_real_time {
             let begins = || told.send(untaken.recv().unwrap().done()).unwrap();
             let (made, ()) = never.both(job(), begins);
-            assert!(made.unwrap().0 == model && told.is_empty(), "another has made it");
+            assert!(made.unwrap() == expected && told.is_empty(), "another has made it");
         }
         if let Some(mut modeller) = Modeller::start() {
             for _ in 0..3 {
-                assert!(modeller.both(job(), || ()).0.unwrap().0 == model);
+                assert!(modeller.both(job(), || ()).0.unwrap() == expected);
             }
         }
         system::demote(0);
         let (made, given) = never.both(job(), || untaken.len());
-        assert!(made.unwrap().0 == model && given == 0, "an ordinary thread does all by itself");
+        assert!(made.unwrap() == expected && given == 0, "an ordinary thread does all by itself");
         workshop.modeller = None;
-        assert!(workshop.make_sound(world.body, None, &mut || ()).unwrap().model == model);
+        for is_shut in [false, true] {
+            let sound = workshop.make_sound(world.body.clone(), None, is_shut, &mut || ()).unwrap();
+            assert!(sound.model == expected.0 && sound.shut_n.get() == expected.1.as_ref().filter(|_| is_shut), "{is_shut}");
+        }
     }
 
     #[test]
@@ -150,7 +160,7 @@ mod tests {
         let (workshop, world) = opened();
         let (mut dying, untaken, told) = without_thread(1);
         let body = Arc::new(world.body);
-        let dies = || dying.both(Job::of(&workshop, &body), || drop((untaken.recv(), told))).1;
+        let dies = || dying.both(Job::of(&workshop, &body, false), || drop((untaken.recv(), told))).1;
         let said = std::panic::catch_unwind(std::panic::AssertUnwindSafe(dies)).unwrap_err();
         assert!(said.downcast_ref::<String>().is_some_and(|said| said.contains("that makes models")), "{said:?}");
     }

@@ -13,9 +13,9 @@ use std::collections::BTreeSet;
 /// A face lies in the sheet if the sheet's normals at two of its nodes have this cosine to its own at least, whatever their signs. The
 /// others are chords: inside of what a loop has swept they lead from one of its arms to the other.
 const IN_SHEET: f64 = 0.4;
-/// Most tets of a piece that is looked for: a cut has one tick. The chip of a loop has some hundred.
-const MOST_TETS: usize = 2_000;
-/// Most crumbs that are given to what they lie at, in one cut.
+/// What was seen to hang together around a wall is remembered for the other walls, if it is of so many tets at least: less is found again as fast.
+const FAR: usize = 256;
+/// Most crumbs that are given to what they lie at, in one cut. More of them keep their walls; a piece is freed from these as from all others.
 const MOST_CRUMBS: usize = 64;
 
 /// What can be reached from a tet.
@@ -37,15 +37,26 @@ impl Work<'_> {
     /// Opens what lies about pieces that the sheet encloses; gives the two tets of each face that is open now.
     pub fn free_enclosed(&mut self, report: &mut CutReport) -> Vec<[u32; 2]> {
         let mut walls = self.walls();
-        let mut pieces: Vec<BTreeSet<u32>> = Vec::new();
+        // Walls are only ever taken away, so that what hangs together stays so.
+        let (mut pieces, mut together): (Vec<BTreeSet<u32>>, Vec<BTreeSet<u32>>) = (Vec::new(), Vec::new());
         let (mut next, mut crumbs) = (0, 0);
         while let Some(wall) = walls.get(next).copied() {
             next += 1;
             let Some(sides) = self.tets_at(&wall) else { continue };
-            if pieces.iter().any(|piece| sides.iter().any(|tet| piece.contains(tet))) {
+            let is_freed = pieces.iter().any(|piece| sides.iter().any(|tet| piece.contains(tet)));
+            if is_freed || together.iter().any(|all| sides.iter().all(|tet| all.contains(tet))) {
                 continue;
             }
-            let Some(piece) = self.enclosed(sides, &walls) else { continue };
+            let piece = match self.enclosed(sides, &walls) {
+                Ok(piece) => piece,
+                Err([mut one, mut other]) => {
+                    if one.len() + other.len() >= FAR {
+                        one.append(&mut other);
+                        together.push(one);
+                    }
+                    continue;
+                }
+            };
             if self.is_chip(&piece) {
                 pieces.push(piece);
                 continue;
@@ -90,21 +101,20 @@ impl Work<'_> {
         volume_m3 >= self.options.min_piece_m3 && nodes().flatten().any(|node| !self.is_marked(node))
     }
 
-    /// The side of a wall that has an end within the walls, the smaller one if both have; `None` if a way leads around the wall, or if
-    /// both are too large. They are looked at by turns, which takes as long as the smaller one is large.
-    fn enclosed(&self, sides: [u32; 2], walls: &[Face]) -> Option<BTreeSet<u32>> {
+    /// The side of a wall that has an end within the walls, the smaller one if both have, however large it is. They are looked at by turns, which takes as long as
+    /// the smaller one is large, or the way around the wall is long.
+    ///
+    /// Error: a way leads around the wall; what was seen on both sides of it until they met, which hangs together.
+    fn enclosed(&self, sides: [u32; 2], walls: &[Face]) -> Result<BTreeSet<u32>, [BTreeSet<u32>; 2]> {
         let mut floods = sides.map(Flood::from);
         loop {
             for side in [0, 1] {
                 let flood = &mut floods[side];
-                let Some(tet) = flood.tets.get(flood.passed).copied() else { return Some(std::mem::take(&mut flood.all)) };
+                let Some(tet) = flood.tets.get(flood.passed).copied() else { return Ok(std::mem::take(&mut flood.all)) };
                 flood.passed += 1;
-                if flood.tets.len() > MOST_TETS {
-                    return None;
-                }
                 for next in self.beyond(tet, walls) {
                     if floods[1 - side].all.contains(&next) {
-                        return None;
+                        return Err(floods.map(|flood| flood.all));
                     }
                     let flood = &mut floods[side];
                     if flood.all.insert(next) {
@@ -132,5 +142,53 @@ impl Work<'_> {
     pub fn faces_of(&self, tet: u32) -> [Face; 4] {
         let nodes = self.tissue.rest.tets[tet as usize];
         FACES.map(|places| sorted(places.map(|place| nodes[place])))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cut::{CutOptions, Cuttable};
+    use hyst_mesh::{TetMesh, component_count, component_of_each_tet};
+
+    /// Cubes of a block along each axis, of six tets and 1 m each: 2 688 tets on each side of its middle.
+    const CUBES: [u32; 3] = [14, 8, 8];
+    /// Where its middle is, m.
+    const MIDDLE_M: f32 = 7.0;
+
+    /// The block, with the nodes of a plane through its middle on the sheet, as far along y as it is said, m.
+    fn block(to_m: f32) -> Cuttable {
+        let [nx, ny, nz] = CUBES.map(|cubes| cubes + 1);
+        let number = |[x, y, z]: [u32; 3]| x + nx * (y + ny * z);
+        let place = |node: u32| [node % nx, node / nx % ny, node / (nx * ny)];
+        let of_cube = |low: u32| {
+            let [x, y, z] = [number([1, 0, 0]), number([0, 1, 0]), number([0, 0, 1])];
+            // The turns of the axes, and those with two of them swapped, in which the corners change places, too.
+            let (turns, top) = ([[x, y, z], [y, z, x], [z, x, y]], low + x + y + z);
+            turns.into_iter().flat_map(move |[a, b, c]| [[low, low + a, low + a + b, top], [low, low + a + c, low + a, top]])
+        };
+        let is_low = |node: &u32| place(*node).iter().zip(CUBES).all(|(at, cubes)| *at < cubes);
+        let tets: Vec<[u32; 4]> = (0..nx * ny * nz).filter(is_low).flat_map(of_cube).collect();
+        let positions_m: Vec<[f32; 3]> = (0..nx * ny * nz).map(|node| place(node).map(|cubes| cubes as f32)).collect();
+        let is_on = |place_m: &[f32; 3]| place_m[0] == MIDDLE_M && place_m[1] <= to_m;
+        let marks = positions_m.iter().map(|place_m| if is_on(place_m) { [1.0, 0.0, 0.0] } else { [0.0; 3] }).collect();
+        Cuttable { marks, ..Cuttable::at_rest(TetMesh { positions_m, regions: vec![0; tets.len()], tets }) }
+    }
+
+    /// Faces that are opened of those of the sheet, all of which have stayed closed so far, and the parts that this leaves.
+    fn freed(mut tissue: Cuttable) -> (usize, usize) {
+        let (options, mut report) = (CutOptions::default(), CutReport::default());
+        let mut work = Work::new(&mut tissue, &options, Vec::new());
+        work.on_sheet = (0..work.tissue.rest.tets.len() as u32).collect();
+        let opened = work.free_enclosed(&mut report).len();
+        (opened, component_count(&component_of_each_tet(&tissue.rest)))
+    }
+
+    /// Two pieces of more than 2 000 tets each were not looked for to the end, and hung together by what had stayed closed.
+    #[test]
+    fn what_the_sheet_has_passed_is_freed_however_large_both_sides_are_and_nothing_where_a_way_leads_around() {
+        let walls = 2 * (CUBES[1] * CUBES[2]) as usize;
+        assert_eq!(freed(block(CUBES[1] as f32)), (walls, 2));
+        assert_eq!(freed(block(CUBES[1] as f32 - 1.0)), (0, 1), "the last row of cubes holds them together");
     }
 }

@@ -6,7 +6,7 @@ use super::places::{at, sorted};
 use super::refine::Work;
 use glam::DVec3;
 
-/// Times that faces are taken back because of what they would make of the boundary; after these none is opened.
+/// Times that faces are taken back because of what they would make of the boundary; after these none is opened before the next sweep of the stroke.
 const ROUNDS: usize = 12;
 
 /// A face by its sorted nodes.

@@ -226,6 +226,38 @@ fn what_is_cut_while_the_cavity_is_closed_has_the_forces_of_the_mesh_that_it_is_
     });
 }
 
+/// Ticks in which the cavity begins to close, before a sweep in which it does not yet close so far that anything holds it.
+const BEGUN: u64 = 10;
+
+/// The step of the cut made them beside all else, and that of who followed when it was his turn.
+#[test]
+fn a_mesh_that_is_cut_while_the_cavity_is_shutting_has_its_forces_before_a_step_asks_for_them() {
+    for (name, pressure_pa) in [("hasforces", LOW_PA), ("noforces", HIGH_PA)] {
+        with_session(name, [0.0, 0.0, 0.004], |session| {
+            session.go(pressure_pa, BEGUN);
+            let (whole, from) = (Arc::clone(&session.main.world), session.tick);
+            for tick in 1..=SWEEP {
+                session.tick = from + tick;
+                let record = InputRecord { tick: session.tick, pressure_pa, ..sweeping(&whole, tick) };
+                session.now = fed(&mut session.main, session.device, &session.now, &record);
+            }
+            let (cut, closed) = (Arc::clone(&session.main.world), core_of(&session.now).closed);
+            let is_shutting = closed > 0.0;
+            assert!(cut.version != whole.version, "nothing was cut");
+            assert_eq!((is_shutting, crate::closing::share(closed)), (pressure_pa == LOW_PA, 0.0), "a step has asked: {closed}");
+            assert_eq!(cut.shut_n.get().is_some(), is_shutting, "those of the cut mesh");
+            // Who has only its body.
+            let same = session.main.workshop.make(cut.body.clone()).unwrap();
+            assert!(same.version == cut.version && same.shut_n.get().is_none());
+            session.main.take_world(same);
+            session.main.prepare(bytemuck::cast_slice(&session.now)).unwrap();
+            let follows = Arc::clone(&session.main.world);
+            assert_eq!(follows.shut_n.get().is_some(), is_shutting, "those of who follows");
+            assert!(follows.shut_n() == cut.shut_n(), "they are what a step would have made");
+        });
+    }
+}
+
 /// In the case `perforation` a wall that was cut through closed: 800 corrections in each step, and at last a place that none can be.
 #[test]
 fn a_cavity_whose_wall_is_cut_opens_and_stays_open_however_low_the_pressure_is() {

@@ -158,7 +158,7 @@ fn a_cut_of_which_no_model_is_fast_enough_is_left_out_and_counted_and_the_next_o
     let whole = Arc::clone(&main.world);
     let mut now = first_state(&mut main);
     main.workshop.stiffen(UNBEARABLE_N_M);
-    let why = main.made(whole.body.clone()).err().expect("no model can be made").to_string();
+    let why = main.made(whole.body.clone(), false).err().expect("no model can be made").to_string();
     assert!(why.contains("substeps would need"), "{why}");
     for tick in 1..=SWEEP / 2 {
         now = fed(&mut main, &pages[1], &now, &sweeping(&whole, tick));
@@ -187,14 +187,14 @@ fn a_mesh_that_nobody_else_would_take_is_not_gone_on_from() {
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
     let (body, most) = (main.world.body.clone(), main.world.case.room.triangles);
-    assert!(main.made(body.clone()).is_ok());
+    assert!(main.made(body.clone(), false).is_ok());
     let (mut crowded, mut nowhere) = (body.clone(), body);
     let triangle = crowded.skin.triangles[0];
     crowded.skin.triangles.resize(most + 1, triangle);
     nowhere.skin.rest_m[0][1] = f32::NAN;
     for body in [crowded, nowhere] {
         assert!(main.workshop.make(body.clone()).is_ok(), "a model can be made of it");
-        assert!(main.made(body).is_err(), "and it is no body for anybody else");
+        assert!(main.made(body, false).is_err(), "and it is no body for anybody else");
     }
     drop(main);
 }
