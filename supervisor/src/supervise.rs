@@ -80,6 +80,11 @@ pub enum Input {
         /// What was seen so far.
         seen: Seen,
     },
+    /// That judge has ended.
+    JudgeEnded {
+        /// The newcomer.
+        incarnation: u32,
+    },
 }
 
 struct Supervisor {
@@ -313,6 +318,7 @@ impl Supervisor {
                 self.died(slot, incarnation, exit, Death { at_ns, open_ns, beat_ns });
             }
             Input::Judged { incarnation, seen } => self.judged(incarnation, &seen),
+            Input::JudgeEnded { incarnation } => self.judge_ended(incarnation),
             Input::Request(request, reply) => self.asked.push_back((request, reply)),
         }
     }

@@ -9,11 +9,10 @@
 mod driver;
 mod lied_to;
 mod own;
+mod tries;
 
 use super::INTERRUPTED;
 use super::shielded::shielded;
-use super::swap::swap_and_wait;
-use crate::policy::Cause;
 use crate::settings::Refusal;
 use crate::swap::{role_of, stated, verify};
 use crate::view::{ProcessView, Viewer};
@@ -32,8 +31,6 @@ const WHOLE_WITHIN_NS: u64 = 120_000_000_000;
 const LOOK_NS: u64 = 100_000_000;
 /// What a driver of a device is called here, which is no engine and has checks of its own.
 const DRIVER: &str = "driver";
-/// How often it is swapped in if the machine gives it no time.
-const TRIES: usize = 3;
 /// How long the role may take to be whole again after its death.
 const BACK_WITHIN_NS: u64 = 30_000_000_000;
 /// What that is called.
@@ -94,14 +91,18 @@ fn tried(role: Role, binary: &Path, place: Place, interrupted: &AtomicBool) -> R
     Ok((checks, log))
 }
 
+/// The exit code of what was found. Of an engine that could not be shown the most is not known, whatever else was found.
+fn code_of(checks: &[Check]) -> u8 {
+    let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
+    if is_shown { u8::from(checks.iter().any(|check| !check.good)) } else { 3 }
+}
+
 /// Says what was found, and if something is bad what the engine has printed last; gives the exit code.
 fn tell(role: &str, binary: &Path, checks: &[Check], log: &[String], else_what: &str, json: bool) -> u8 {
-    let good = checks.iter().all(|check| check.good);
-    let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
-    let code = if is_shown { u8::from(!good) } else { 3 };
-    let log: &[String] = if good { &[] } else { log };
+    let code = code_of(checks);
+    let log: &[String] = if code == 0 { &[] } else { log };
     if json {
-        let conforms = is_shown.then_some(good);
+        let conforms = (code != 3).then_some(code == 0);
         let all = serde_json::json!({ "role": role, "binary": binary, "conforms": conforms, "checks": checks, "log": log });
         println!("{all:#}");
         return code;
@@ -113,7 +114,7 @@ fn tell(role: &str, binary: &Path, checks: &[Check], log: &[String], else_what: 
     let verdict = match code {
         0 => "conforms".to_string(),
         1 => format!("does not conform; {else_what}"),
-        _ => "this machine is too busy to tell; try it again when it is not".to_string(),
+        _ => "this machine could not tell; try it again when it is less busy".to_string(),
     };
     println!("{}: {verdict}", binary.display());
     code
@@ -199,7 +200,7 @@ fn in_a_station(role: Role, binary: &Path, place: Place, interrupted: &AtomicBoo
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
     let mut private = Private { station, child, interrupted };
     let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
-        2 => refusal,
+        2 => refusal, // of the file, or of what the station is to be like
         _ => Refusal { code: 3, ..refusal }, // it says nothing of the engine
     });
     let station = private.station.clone();
@@ -286,15 +287,10 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
     wait_until(private, role, WHOLE_WITHIN_NS, |_| true)?;
     let station = &private.station.clone();
     let late = own::late_share(station, role);
-    let mut record = swap_and_wait(station, role.name(), binary, private.interrupted)?;
-    for _ in 1..TRIES {
-        if record.cause == Some(Cause::NoTime) {
-            record = swap_and_wait(station, role.name(), binary, private.interrupted)?;
-        }
-    }
-    if record.cause == Some(Cause::NoTime) {
-        return Ok(vec![check(NO_TIME, Err(record.reason))]);
-    }
+    let record = match tries::swapped(role, binary, private)? {
+        Ok(record) => record,
+        Err(why) => return Ok(vec![check(NO_TIME, Err(why))]),
+    };
     let told = |text: &str| record.steps.iter().find(|step| step.what.contains(text));
     let ready = told("ready, and").map(|step| format!("after {:.0} ms", step.at_ms)).ok_or(record.reason.clone());
     let mut checks = vec![check("becomes ready", ready)];
@@ -313,4 +309,20 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
         checks.extend(lied_to::withstands(role, private));
     }
     Ok(checks)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_an_engine_could_not_be_shown_the_machine_could_not_tell_and_else_a_bad_check_tells() {
+        let code = |checks: &[(&str, bool)]| {
+            let found = |(what, is_good): &(&str, bool)| check(what, is_good.then(String::new).ok_or_else(String::new));
+            code_of(&checks.iter().map(found).collect::<Vec<_>>())
+        };
+        let what_is_left = ("leaves nothing behind", false);
+        assert_eq!([code(&[(PASSES, true)]), code(&[(PASSES, true), what_is_left]), code(&[(PASSES, false)])], [0, 1, 1]);
+        assert_eq!([code(&[(NO_TIME, false)]), code(&[(PASSES, true), (NO_TIME, false), what_is_left])], [3, 3]);
+    }
 }

@@ -37,46 +37,64 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
     Ok(u8::from(record.promoted != Some(true)))
 }
 
+/// Why no swap was begun.
+#[derive(Debug)]
+pub(super) enum NotBegun {
+    /// Nobody was asked for it: the file is no such engine, there is no station, or this command was interrupted.
+    Unasked(Refusal),
+    /// The station refused it, or nobody has said that it was begun. That speaks of the station, and not of the file.
+    Refused(Refusal),
+}
+
+impl From<Refusal> for NotBegun {
+    fn from(refusal: Refusal) -> NotBegun {
+        NotBegun::Unasked(refusal)
+    }
+}
+
+impl From<NotBegun> for Refusal {
+    fn from(not_begun: NotBegun) -> Refusal {
+        match not_begun {
+            NotBegun::Unasked(refusal) | NotBegun::Refused(refusal) => refusal,
+        }
+    }
+}
+
 /// Asks for a swap to the station's own copy of an engine; gives its number.
 pub fn begin(station: &Station, role: &str, binary: &Path) -> Result<u64, Refusal> {
-    begin_unless(station, role, binary, &AtomicBool::new(false))
+    begin_unless(station, role, binary, &AtomicBool::new(false)).map_err(Refusal::from)
 }
 
 /// The same, unless it is interrupted before it is asked for: then nobody is left who was asked what he is.
-fn begin_unless(station: &Station, role: &str, binary: &Path, interrupted: &AtomicBool) -> Result<u64, Refusal> {
+pub(super) fn begin_unless(station: &Station, role: &str, binary: &Path, interrupted: &AtomicBool) -> Result<u64, NotBegun> {
     let known = role_of(role).map_err(Refusal::input)?;
     // Not resolved: a program may go by the name that it is called by.
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
     if !station.root().is_dir() {
-        return Err(no_station(station));
+        return Err(no_station(station).into());
     }
     // To the end of this, when the supervisor has written down what it is for.
     let kept = kept::keep(station, &binary, known, &|| interrupted.load(Ordering::Relaxed));
     if interrupted.load(Ordering::Relaxed) {
         let message = format!("interrupted: no swap of {role} was begun, and nothing was disturbed");
-        return Err(Refusal { code: INTERRUPTED, message });
+        return Err(Refusal { code: INTERRUPTED, message }.into());
     }
     let kept = kept.map_err(Refusal::input)?;
     let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
     let before = Record::read(station).map_or(0, |record| record.number);
     match ask_once(station, &request) {
         Ok(answer) => Ok(answer["number"].as_u64().unwrap_or(0)),
-        Err(NoAnswer::Refused(reason)) => Err(Refusal::input(format!("swap of {role}: {reason}"))),
+        Err(NoAnswer::Refused(reason)) => Err(NotBegun::Refused(Refusal::input(format!("swap of {role}: {reason}")))),
         Err(NoAnswer::Unanswered(reason) | NoAnswer::Half(reason)) => {
             let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
-            begun_meanwhile(station, before, kept.binary())
-                .ok_or_else(|| Refusal::failed(format!("swap of {role}: {reason}; {cure}")))
+            let unknown = || NotBegun::Refused(Refusal::failed(format!("swap of {role}: {reason}; {cure}")));
+            begun_meanwhile(station, before, kept.binary()).ok_or_else(unknown)
         }
     }
 }
 
-/// Swaps and waits for the end, unless it is interrupted.
-pub fn swap_and_wait(station: &Station, role: &str, binary: &Path, interrupted: &AtomicBool) -> Result<Record, Refusal> {
-    wait(station, begin_unless(station, role, binary, interrupted)?, interrupted)
-}
-
 /// Waits for the end of a swap, or until nobody wants to know it any more: the swap goes on.
-fn wait(station: &Station, number: u64, interrupted: &AtomicBool) -> Result<Record, Refusal> {
+pub(super) fn wait(station: &Station, number: u64, interrupted: &AtomicBool) -> Result<Record, Refusal> {
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
         match Record::read(station) {
@@ -122,7 +140,7 @@ fn begun_meanwhile(station: &Station, before: u64, binary: &Path) -> Option<u64>
 
 /// Where the words of a newcomer are that was rolled back for its own sake: its author asks for them next.
 fn has_printed(station: &Station, record: &Record) -> Option<String> {
-    let is_its_own = record.cause.is_some_and(|cause| !matches!(cause, Cause::NoTime | Cause::Interrupted));
+    let is_its_own = record.cause.is_some_and(Cause::speaks_of_newcomer);
     let hint = || format!("what it printed is in `hystation --name {} logs {}`", station.name(), record.slot);
     (record.promoted == Some(false) && is_its_own).then(hint)
 }
@@ -148,7 +166,11 @@ mod tests {
     fn a_command_that_is_interrupted_before_its_swap_has_begun_begins_none() {
         let (station, _faults) = book("none-begun");
         let refused = |interrupted| {
-            begin_unless(&station, "fluid", Path::new("/bin/cat"), &AtomicBool::new(interrupted)).map_err(|refusal| refusal.code)
+            let begun = begin_unless(&station, "fluid", Path::new("/bin/cat"), &AtomicBool::new(interrupted));
+            begun.map_err(|not_begun| match not_begun {
+                NotBegun::Unasked(refusal) => refusal.code,
+                NotBegun::Refused(refusal) => panic!("{refusal:?}"),
+            })
         };
         assert_eq!([refused(true), refused(false)], [Err(INTERRUPTED), Err(2)]);
         assert!(!station.swap().exists());

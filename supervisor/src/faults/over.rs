@@ -62,7 +62,7 @@ impl Faults {
     /// Whether it did what it was asked to, its own count says.
     pub fn doubted(&mut self, incarnation: u32, cause: Cause, at_ns: u64) {
         let of = |fault: &&mut Fault| fault.incarnation == incarnation && fault.recovered_us.is_none();
-        let speaks_of_it = !matches!(cause, Cause::NoTime | Cause::Interrupted);
+        let speaks_of_it = cause.speaks_of_newcomer();
         for fault in self.open.faults.iter_mut().filter(of) {
             let is_signal = fault.asked.is_none() && fault.starts_left.is_none();
             fault.manifested |= is_signal || cause == Cause::Died && fault.starts_left.is_none();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Of what kind a reason is. All but [`Cause::Interrupted`] and [`Cause::NoTime`] speak of the newcomer.
+/// Of what kind a reason is; `docs/engine.md` has them all for an engine's author.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
@@ -22,16 +22,23 @@ pub enum Cause {
     Slow,
     /// It missed steps, and somebody else took the role or kept it.
     Missed,
-    /// It left too little to compare.
+    /// It left too little to compare, or whoever compares it dies of what it says.
     NotCompared,
     /// It took the role before it might.
     Unasked,
-    /// It grows, a thread that helps it stands still, or who reads it dies again and again.
+    /// It grows, or a thread that helps it stands still.
     Unfit,
     /// The supervisor died meanwhile.
     Interrupted,
-    /// The machine left it no time to show what it is, or the hand did, which cut all the while.
+    /// The machine left it no time or no room to show what it is, or nobody to judge it; or the hand left it no time, which cut or pressed all the while.
     NoTime,
+}
+
+impl Cause {
+    /// Whether it speaks of the newcomer. One that was undone for another reason may be swapped in again.
+    pub fn speaks_of_newcomer(self) -> bool {
+        !matches!(self, Cause::Interrupted | Cause::NoTime)
+    }
 }
 
 /// Why a swap is undone.

@@ -18,8 +18,8 @@ use hyst_exchange::system;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, Swap, device, rendering, station as layout};
 use hyst_messages::{Role, Slot};
+use judge::Judging;
 use std::path::{Path, PathBuf};
-use std::process::Child;
 
 /// How long a newcomer is compared at least before it may have the role, ns.
 const SHADOW_NS: u64 = 1_000_000_000;
@@ -45,7 +45,7 @@ pub struct Trial {
     role: Role,
     stage: Stage,
     since_ns: u64,
-    judge: Option<Child>,
+    judging: Judging,
     /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role; and how many while it had it before a pause.
     compared: (u64, u64),
     proven: u64,
@@ -53,6 +53,11 @@ pub struct Trial {
     has_parted: bool,
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
+    /// What is out of tolerance is that nothing came of it, and whether a thread of it waited for a disk, or for memory, then.
+    silent: bool,
+    at_disk: bool,
+    /// When there was nothing that could be compared last, for no fault of its own, ns; 0 if there was all the time.
+    waits_ns: u64,
     /// Looks at which the hand felt something on this probation.
     felt: u32,
     /// When there was current in the electrode last, ns; 0 if there was none since it has been ready.
@@ -78,11 +83,14 @@ impl Trial {
             role,
             stage: Stage::None,
             since_ns: system::now_ns(),
-            judge: None,
+            judging: Judging::default(),
             compared: (0, 0),
             proven: 0,
             has_parted: false,
             forces: (0, 0, 0),
+            silent: false,
+            at_disk: false,
+            waits_ns: 0,
             felt: 0,
             current_ns: 0,
             old,
@@ -92,14 +100,6 @@ impl Trial {
             tenures: Tenures::default(),
             looked_ns: 0,
             slow: 0,
-        }
-    }
-}
-
-impl Drop for Trial {
-    fn drop(&mut self) {
-        if let Some(judge) = self.judge.take() {
-            judge::end(judge);
         }
     }
 }
@@ -226,9 +226,10 @@ impl Supervisor {
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
             let begins = stage == if role.is_stateful() { Stage::Shadow } else { Stage::Trial } && !is_again;
             if begins && policy::is_judged(role) {
-                trial.judge = judge::start(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
+                trial.judging.begin(trial.since_ns);
             }
         }
+        self.tend_judge(system::now_ns());
         let text = match stage {
             Stage::Shadow if is_again => "in the shadow again, beside the old engine",
             Stage::Shadow => "ready, and in the shadow of the old engine",
@@ -316,6 +317,7 @@ impl Supervisor {
         if incarnation == 0 || trial.record.proven {
             return;
         }
+        self.tend_judge(now_ns);
         if role == Role::Haptic {
             self.compare_forces(now_ns);
         }

@@ -1,6 +1,8 @@
 //! The judge of a device on probation: a helper process that compares what the motors made, by the hardware's ledger, with what the followed servo said for
 //! that tick, by its page. Neither is the device's own word. A device ramps what returns after a pause, does not leave zero before the hand has been free
-//! once, and changes the force by no more than its slew limit: what these may have done to a force counts for nothing.
+//! once, and changes the force by no more than its slew limit: what these may have done to a force counts for nothing. One that goes on from a force has
+//! left zero with its first tick, and is compared under whatever load there is. Of one that waits for a free hand, as each does where the motors have made no
+//! force yet, there is nothing to compare before the hand lets go.
 
 use super::judge::{LINE_NS, Pages, Seen, tell};
 use super::stated::{MOTORS_FORCE_N, MOTORS_FORCE_SHARE};
@@ -59,6 +61,7 @@ impl Felt {
         let strength_n = length_n(said_n, [0.0; 3]);
         if !self.is_open {
             self.is_open = strength_n <= GATE_N || length_n(entry.force_n, [0.0; 3]) > 0.0;
+            self.seen.waits = !self.is_open;
             self.fresh = 0;
         }
         if self.fresh < SETTLED_TICKS || entry.void != 0 {
@@ -153,12 +156,23 @@ mod tests {
     }
 
     #[test]
+    fn one_that_goes_on_from_a_force_is_compared_under_a_hand_that_never_lets_go() {
+        let mut felt = Felt::default();
+        tell(&mut felt, 1, 50, 1.0, 0.5, Applied::Fresh);
+        assert_eq!((felt.seen.compared, felt.seen.waits), (0, false), "it rises");
+        tell(&mut felt, 51, 50, 1.0, 1.0, Applied::Fresh);
+        assert_eq!((felt.seen.compared, felt.seen.outside), (36, 0));
+        tell(&mut felt, 101, 3, 1.0, 0.3, Applied::Fresh);
+        assert_eq!(felt.seen.outside, 3, "{:?}", felt.seen);
+    }
+
+    #[test]
     fn what_comes_back_after_a_pause_is_not_compared_nor_what_waits_for_a_free_hand_nor_what_nobody_said() {
         let mut felt = Felt::default();
         tell(&mut felt, 1, 500, 1.0, 0.0, Applied::Fresh);
-        assert_eq!(felt.seen.compared, 0, "it was never free");
+        assert_eq!((felt.seen.compared, felt.seen.waits), (0, true), "it was never free");
         tell(&mut felt, 501, 65, 0.1, 0.1, Applied::Fresh);
-        assert_eq!(felt.seen.compared, 1);
+        assert_eq!((felt.seen.compared, felt.seen.waits), (1, false));
         tell(&mut felt, 566, 1, 1.0, 0.6, Applied::Ramped);
         tell(&mut felt, 567, 63, 1.0, 0.6, Applied::Fresh);
         assert_eq!(felt.seen.compared, 1, "it rises");

@@ -21,8 +21,10 @@ const MOST_AHEAD_TICKS: u64 = 100;
 enum Look {
     /// Something new, so far from what it should be, in parts of what is allowed.
     New(f64, String),
-    /// Nothing new, or nothing right; what to say if that lasts.
-    Nothing(String),
+    /// Nothing new; what to say if that lasts.
+    Still(String),
+    /// Nothing right; the same.
+    Wrong(String),
     /// There was nothing to be done.
     Idle,
 }
@@ -50,11 +52,15 @@ impl Inspection {
                 self.seen.note((ratio, text));
                 ratio > 1.0
             }
-            Look::Nothing(text) if lasts => {
+            Look::Still(text) if lasts => {
+                self.seen.note_silence(text);
+                true
+            }
+            Look::Wrong(text) if lasts => {
                 self.seen.note((f64::INFINITY, text));
                 true
             }
-            Look::Nothing(_) => false,
+            Look::Still(_) | Look::Wrong(_) => false,
             Look::Idle => {
                 self.new_ns = now_ns;
                 false
@@ -123,22 +129,22 @@ struct Recording {
 impl Recording {
     /// `size`: bytes of the file, if the station records; `newest`: the tick that the device has made last.
     fn look(&mut self, status: Option<RecorderStatus>, size: Option<u64>, newest: u64, present: u64) -> Look {
-        let Some(status) = status else { return Look::Nothing("its page says nothing of a recording".into()) };
+        let Some(status) = status else { return Look::Still("its page says nothing of a recording".into()) };
         let RecorderStatus { last_tick, bytes, .. } = status;
         match size {
             None if status == RecorderStatus::default() => Look::New(0.0, "it records nothing, as it should".into()),
-            None => Look::Nothing(format!("it says that it records, up to tick {last_tick}, where nothing is to be recorded")),
+            None => Look::Wrong(format!("it says that it records, up to tick {last_tick}, where nothing is to be recorded")),
             Some(_) if last_tick > present + MOST_AHEAD_TICKS => {
-                Look::Nothing(format!("it says that tick {last_tick} is on disk, and tick {present} is the present"))
+                Look::Wrong(format!("it says that tick {last_tick} is on disk, and tick {present} is the present"))
             }
-            Some(size) if size < bytes => Look::Nothing(format!("its file has {size} bytes, and it says {bytes}")),
+            Some(size) if size < bytes => Look::Wrong(format!("its file has {size} bytes, and it says {bytes}")),
             Some(_) if last_tick > self.last_tick => {
                 self.last_tick = last_tick;
                 let behind = newest.saturating_sub(last_tick);
                 Look::New(behind as f64 / MOST_BEHIND_TICKS as f64, format!("{behind} ticks are not in its recording"))
             }
             Some(_) if newest <= self.last_tick => Look::Idle, // the device makes none
-            Some(_) => Look::Nothing(format!("its recording stays at tick {last_tick}")),
+            Some(_) => Look::Still(format!("its recording stays at tick {last_tick}")),
         }
     }
 }
@@ -158,19 +164,19 @@ struct Pictures {
 impl Pictures {
     /// `state`: the tick of the newest state that it can draw; `shown`: what speaks against its newest picture.
     fn look(&mut self, status: Option<RenderingStatus>, state: u64, shown: Result<(), &str>) -> Look {
-        let Some(status) = status else { return Look::Nothing("its page says nothing of pictures".into()) };
+        let Some(status) = status else { return Look::Still("its page says nothing of pictures".into()) };
         let RenderingStatus { frames, shown_tick, size_px: [width, height], frame_ms, .. } = status;
         match () {
             () if frames == 0 && !self.draws => Look::New(0.0, "it has drawn nothing, as the one before".into()),
-            () if frames == 0 => Look::Nothing("it has drawn nothing".into()),
-            () if frames <= self.frames => Look::Nothing(format!("it has drawn no picture after its {frames}.")),
+            () if frames == 0 => Look::Still("it has drawn nothing".into()),
+            () if frames <= self.frames => Look::Still(format!("it has drawn no picture after its {frames}.")),
             () if width == 0 || height == 0 || !frame_ms.is_finite() => {
-                Look::Nothing(format!("its pictures are {width}x{height} and take {frame_ms} ms"))
+                Look::Wrong(format!("its pictures are {width}x{height} and take {frame_ms} ms"))
             }
             // It may be some pictures behind, and a picture between two states shows the one before.
-            () if shown_tick <= self.shown_tick && state > self.state => Look::Nothing("its pictures show no new state".into()),
+            () if shown_tick <= self.shown_tick && state > self.state => Look::Wrong("its pictures show no new state".into()),
             () => match shown {
-                Err(why) => Look::Nothing(why.into()),
+                Err(why) => Look::Wrong(why.into()),
                 Ok(()) => {
                     (self.frames, self.state, self.shown_tick) = (frames, state, shown_tick);
                     Look::New(0.0, format!("it has drawn {frames} pictures"))
@@ -188,9 +194,13 @@ mod tests {
 
     fn nothing(look: Look) -> String {
         match look {
-            Look::Nothing(text) => text,
+            Look::Still(text) | Look::Wrong(text) => text,
             other => panic!("{other:?}"),
         }
+    }
+
+    fn is_still(look: Look) -> bool {
+        matches!(look, Look::Still(_))
     }
 
     #[test]
@@ -247,7 +257,7 @@ mod tests {
     #[test]
     fn nothing_new_counts_for_nothing_at_first_and_against_it_when_that_lasts() {
         let mut inspection = Inspection::of(Role::Rendering, 0);
-        let still = || Look::Nothing("still".into());
+        let still = || Look::Still("still".into());
         assert!(!inspection.take(still(), STILL_NS));
         assert_eq!(inspection.seen, Seen::default(), "no agreement, and no doubt");
         assert!(!inspection.take(Look::New(0.5, "new".into()), STILL_NS + MS));
@@ -264,5 +274,33 @@ mod tests {
         assert!(!inspection.take(Look::New(0.5, "new".into()), 4 * STILL_NS));
         assert_eq!(inspection.seen.outside, 0);
         assert!(inspection.take(Look::New(2.0, "far behind".into()), 4 * STILL_NS), "new, and out of tolerance");
+    }
+
+    /// A good recorder whose disk or core was away for two seconds was out of tolerance as a bad one is.
+    #[test]
+    fn one_that_stands_still_is_told_from_one_that_shows_what_is_wrong() {
+        let status = |last_tick: u64, bytes: u64| Some(RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes });
+        let mut recording = Recording { last_tick: 5_000 };
+        let mut of_recording = |status, size| is_still(recording.look(status, Some(size), 5_400, 5_401));
+        assert_eq!([of_recording(None, 70), of_recording(status(5_000, 70), 70)], [true; 2]);
+        assert_eq!([of_recording(status(5_400, 90), 70), of_recording(status(u64::MAX, 70), 70)], [false; 2], "it says too much");
+        let mut pictures = Pictures { draws: true, frames: 3, state: 10, shown_tick: 9, ..Pictures::default() };
+        let drawn = |frames: u64| {
+            Some(RenderingStatus { frames, shown_tick: 9, size_px: [640, 480], ..RenderingStatus::default() })
+        };
+        let mut of_pictures = |status, shown| is_still(pictures.look(status, 10, shown));
+        assert_eq!([of_pictures(None, Ok(())), of_pictures(drawn(3), Ok(()))], [true; 2]);
+        assert!(!of_pictures(drawn(4), Err("it is black")));
+
+        let mut inspection = Inspection::of(Role::Recorder, 0);
+        let mut after = |look: Look| {
+            inspection.take(look, inspection.new_ns + STILL_RECORDER_NS + MS);
+            (inspection.seen.outside, inspection.seen.silent)
+        };
+        let (still, wrong) = (|| Look::Still("still".into()), || Look::Wrong("wrong".into()));
+        assert_eq!([after(still()), after(still())], [(1, true), (2, true)]);
+        assert_eq!([after(wrong()), after(still())], [(3, false), (4, false)], "one that is wrong in between is enough");
+        assert_eq!(after(Look::New(0.0, "new".into())), (0, false));
+        assert_eq!(after(still()), (1, true));
     }
 }

@@ -50,6 +50,10 @@ pub struct Seen {
     pub apart: u32,
     /// One side has lost ticks since both went on from one state: what is out of tolerance then may be what floats, which nothing pulls back to where it was.
     pub leapt: bool,
+    /// Each of those that were out of tolerance in a row was so because nothing came of the newcomer: the machine may have kept it from its work.
+    pub silent: bool,
+    /// Nothing can be compared yet, and that is not the newcomer's doing.
+    pub waits: bool,
 }
 
 impl Seen {
@@ -57,10 +61,18 @@ impl Seen {
     pub fn note(&mut self, (ratio, text): (f64, String)) {
         self.compared += 1;
         self.outside = if ratio <= 1.0 { 0 } else { self.outside + 1 };
+        self.silent = false;
         // JSON has no infinity.
         self.ratio = ratio.min(f64::MAX);
         self.worst = self.worst.max(self.ratio);
         self.text = text;
+    }
+
+    /// The same of a look to which nothing came that could be compared, for so long that this is out of tolerance.
+    pub fn note_silence(&mut self, text: String) {
+        let is_silent = self.silent || self.outside == 0;
+        self.note((f64::INFINITY, text));
+        self.silent = is_silent;
     }
 }
 

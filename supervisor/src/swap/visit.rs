@@ -4,7 +4,7 @@
 use super::judge::{Seen, tell};
 use super::stated::MOST_AGE_TICKS;
 use hyst_engine::Address;
-use hyst_exchange::{Station, StationPage, system};
+use hyst_exchange::{Station, system};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::time::Duration;
@@ -19,16 +19,31 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(3);
 /// Most bytes of an answer that are read.
 const MOST_BYTES: u64 = 1 << 20;
 
+/// What a visit shows.
+#[derive(Debug, PartialEq)]
+enum Visit {
+    /// Figures so many ticks old.
+    Figures(f64),
+    /// No answer, or figures that stand still; in words.
+    Silence(String),
+    /// What is no answer, or none of this time; the same.
+    Wrong(String),
+}
+
 /// The helper itself: writes a line of JSON after each visit until nobody reads it or the station stops.
 pub fn visit(station: &Station) -> Result<(), String> {
     let clock = station.open().map_err(|error| error.to_string())?;
     let (mut seen, began_ns) = (Seen::default(), system::now_ns());
     while !clock.stop_requested() {
-        let found = figures(station).and_then(|answer| age_ticks(&answer, &clock));
-        let is_good = found.as_ref().is_ok_and(|age| *age <= MOST_AGE_TICKS);
+        let answer = figures(station);
+        let shown = answer.map_or_else(Visit::Silence, |answer| read(&answer, clock.tick_at(system::now_ns()) as f64));
+        let is_good = matches!(shown, Visit::Figures(_));
         if is_good || seen.compared > 0 || system::now_ns() - began_ns > BEGIN_NS {
-            let said = found.map(|age| (age / MOST_AGE_TICKS, format!("its page is {age} ticks old")));
-            seen.note(said.unwrap_or_else(|why| (f64::INFINITY, why)));
+            match shown {
+                Visit::Figures(age) => seen.note((age / MOST_AGE_TICKS, format!("its page is {age} ticks old"))),
+                Visit::Silence(why) => seen.note_silence(why),
+                Visit::Wrong(why) => seen.note((f64::INFINITY, why)),
+            }
         }
         if !tell(&seen)? {
             return Ok(());
@@ -54,9 +69,14 @@ fn figures(station: &Station) -> Result<String, String> {
     Ok(String::from_utf8_lossy(&answer).into_owned())
 }
 
-fn age_ticks(answer: &str, clock: &StationPage) -> Result<f64, String> {
-    let said = tick_of(answer)?;
-    Ok((clock.tick_at(system::now_ns()) as f64 - said).abs())
+/// What an answer shows at this tick.
+fn read(answer: &str, present: f64) -> Visit {
+    match tick_of(answer).map(|said| present - said) {
+        Err(why) => Visit::Wrong(why),
+        Ok(age) if age > MOST_AGE_TICKS => Visit::Silence(format!("its page is {age} ticks old")),
+        Ok(age) if age < -MOST_AGE_TICKS => Visit::Wrong(format!("its page is of a tick that is {} ticks away", -age)),
+        Ok(age) => Visit::Figures(age.abs()),
+    }
 }
 
 /// The tick that a whole answer with the page's figures says.
@@ -89,6 +109,14 @@ mod tests {
         assert!(why(&format!("{head}# EOF\n")).contains("no tick"));
         assert!(why(&format!("{head}hystation_tick NaN\n# EOF\n")).contains("no tick"));
         assert!(why(&"x".repeat(4_096)).contains("no whole answer"));
+    }
+
+    #[test]
+    fn figures_that_stand_still_are_told_from_those_of_no_time_that_was() {
+        let shown = |tick: f64| read(&format!("HTTP/1.0 200 OK\r\n\r\nhystation_tick {tick}\n# EOF\n"), 20_000.0);
+        assert_eq!([shown(19_000.0), shown(20_010.0)], [Visit::Figures(1_000.0), Visit::Figures(10.0)]);
+        assert_eq!(shown(14_000.0), Visit::Silence("its page is 6000 ticks old".into()));
+        assert!(matches!(shown(26_000.0), Visit::Wrong(_)) && matches!(read("", 20_000.0), Visit::Wrong(_)));
     }
 
     #[test]

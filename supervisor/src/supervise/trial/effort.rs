@@ -1,12 +1,13 @@
 //! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run. Nor is
-//! it to blame for steps that it missed, or for what could not be compared, while it was kept off its core.
+//! it to blame for steps that it missed, for what could not be compared, or for its silence, while it was kept off its core.
 
 mod spent;
 
 use super::super::Supervisor;
 use super::Trial;
-use crate::policy::{Cause, Reason};
-use crate::proc::ThreadFiles;
+use crate::policy::{Cause, Reason, probation_ns};
+use crate::proc::{ThreadFiles, threads};
+use crate::suspicion::Thread;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -23,6 +24,8 @@ const MOST_ENTRIES: usize = 128;
 const RATE_NS: u64 = 900_000_000;
 /// Looks in a row at which it is too slow.
 const MOST_SLOW: u32 = 2;
+/// What is said of one that was kept off its core.
+const NO_TIME: &str = "the machine left it no time";
 
 /// Reads the kernel's books of a process of a role: the thread that makes its steps tells how it does, but of a rendering most is done by the driver's.
 fn ran_and_waited_ns(files: &ThreadFiles, role: Role) -> Option<(u64, u64)> {
@@ -47,6 +50,7 @@ impl Made {
 /// The books of one process, kept while it is on trial.
 #[derive(Debug)]
 pub(super) struct Effort {
+    process: u32,
     files: ThreadFiles,
     role: Role,
     /// What it had spent in all when an entry was made; the time that had passed is that of the clock.
@@ -56,7 +60,13 @@ pub(super) struct Effort {
 impl Effort {
     /// Opens the books; `None` if the process is gone.
     pub(super) fn of(process: u32, role: Role) -> Option<Effort> {
-        ThreadFiles::open(process).map(|files| Effort { files, role, entries: VecDeque::with_capacity(MOST_ENTRIES) })
+        ThreadFiles::open(process).map(|files| Effort { process, files, role, entries: VecDeque::with_capacity(MOST_ENTRIES) })
+    }
+
+    /// Whether a thread of the process waits for a disk now, or for memory that comes from one: for that the kernel's books have no time.
+    pub(super) fn waits_for_machine(&self) -> bool {
+        let state = |thread: i32| ThreadFiles::of_thread(self.process, thread)?.state();
+        threads(self.process).into_iter().any(|thread| state(thread) == Some(Thread::Waiting))
     }
 
     /// Reads the books: beside what the process's page says, `stalled_ns` is the time for which the host has stood still. A kernel that keeps no books excuses
@@ -117,25 +127,31 @@ impl Trial {
         read.max_by(|a, b| a.step_ns().total_cmp(&b.step_ns())).unwrap_or(self.old)
     }
 
-    /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
-    /// one beside it spent tells what the steps cost anybody. Nor did one for which the electrode left no pause in which it could be tried.
+    /// A reason for its end, once the machine and the hand were heard.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
+        match self.excuse(reason.cause) {
+            Some(why) => Reason::new(Cause::NoTime, format!("{}; {why}", reason.text)),
+            None => reason,
+        }
+    }
+
+    /// Why it is not to blame. One that missed steps, left too little to compare or was silent got no time if it was kept off its core; what the one beside it
+    /// spent tells what the steps cost anybody. Nor did one that was silent while it waited for a disk, or one for which the electrode left no pause. Of a
+    /// device nothing can be compared before the hand has let go; one that it let go for as long as a probation lasts has left too little itself.
+    fn excuse(&self, cause: Cause) -> Option<&'static str> {
         let old = self.old_engine();
-        let got_no_time = match reason.cause {
-            Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old),
-            Cause::Missed | Cause::NotCompared => {
-                let spent = self.effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
-                spent.is_some_and(|spent| spent.is_kept_off(&old))
-            }
-            _ => false,
-        };
-        if got_no_time {
-            return Reason::new(Cause::NoTime, format!("{}; the machine left it no time", reason.text));
+        let spent = self.effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
+        let is_kept_off = spent.is_some_and(|spent| spent.is_kept_off(&old));
+        let waits = self.waits_ns != 0 && system::now_ns().saturating_sub(self.waits_ns) < probation_ns(self.role);
+        match cause {
+            Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old).then_some(NO_TIME),
+            Cause::Missed | Cause::NotCompared if is_kept_off => Some(NO_TIME),
+            Cause::NotCompared if self.current_ns != 0 => Some("the electrode cut meanwhile"),
+            Cause::NotCompared if waits => Some("the hand pressed all the while, and it may push only once that has let go"),
+            Cause::OutOfTolerance if self.silent && is_kept_off => Some(NO_TIME),
+            Cause::OutOfTolerance if self.at_disk => Some("it waits for a disk"),
+            _ => None,
         }
-        if reason.cause == Cause::NotCompared && self.current_ns != 0 {
-            return Reason::new(Cause::NoTime, format!("{}; the electrode cut meanwhile", reason.text));
-        }
-        reason
     }
 }
 
@@ -279,6 +295,32 @@ mod tests {
         }
     }
 
+    /// A good recorder whose core or disk was away for two seconds was blamed as one that writes nothing.
+    #[test]
+    fn silence_of_one_that_was_kept_off_its_core_or_waits_for_a_disk_is_excused_and_what_is_wrong_is_not() {
+        let weighed = |silent: bool, at_disk: bool, own: Spent| {
+            let mut trial = Trial::begin(record(), Role::Recorder, spent(12, 0, 200));
+            (trial.since_ns, trial.effort, trial.silent, trial.at_disk) = (0, books(own), silent, at_disk);
+            trial.weighed(Reason::new(Cause::OutOfTolerance, "why")).cause
+        };
+        let (kept_off, let_run) = (spent(6, 70, 110), spent(12, 10, 200));
+        assert_eq!([weighed(true, false, kept_off), weighed(true, true, let_run)], [Cause::NoTime; 2]);
+        assert_eq!([weighed(true, false, let_run), weighed(false, false, kept_off)], [Cause::OutOfTolerance; 2]);
+    }
+
+    /// The hand pressed from before the first force of the motors on, and a good device was to blame that nothing could be compared.
+    #[test]
+    fn a_device_that_waits_for_a_free_hand_is_not_to_blame_and_one_that_the_hand_left_free_is() {
+        let weighed = |cause: Cause, ago_ns: u64| {
+            let mut trial = Trial::begin(record(), Role::Device, Spent::default());
+            trial.waits_ns = system::now_ns().saturating_sub(ago_ns);
+            trial.weighed(Reason::new(cause, "why")).cause
+        };
+        assert_eq!(weighed(Cause::NotCompared, 0), Cause::NoTime);
+        assert_eq!(weighed(Cause::NotCompared, probation_ns(Role::Device)), Cause::NotCompared);
+        assert_eq!(weighed(Cause::OutOfTolerance, 0), Cause::OutOfTolerance);
+    }
+
     #[test]
     fn of_one_that_had_the_role_those_times_alone_tell_whether_it_missed_its_steps_by_itself() {
         let busy = spent(6, 70, 110);
@@ -327,5 +369,20 @@ mod tests {
         assert_eq!(effort.before(begun_ns + 5).map(|entry| entry.steps), Some(7));
         assert_eq!(effort.before(begun_ns - 1), effort.before(begun_ns), "the first");
         assert!(Effort::of(u32::MAX, Role::Fluid).is_none());
+    }
+
+    #[test]
+    fn one_that_sleeps_by_itself_waits_for_no_disk() {
+        let mut child = std::process::Command::new("sleep").arg("1000").spawn().unwrap();
+        let effort = Effort::of(child.id(), Role::Recorder).unwrap();
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        while effort.files.state() != Some(Thread::Sleeping) {
+            assert!(system::now_ns() < deadline_ns, "it does not come to sleep");
+            system::sleep_ns(MS);
+        }
+        assert!(!effort.waits_for_machine());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(!effort.waits_for_machine(), "it is gone");
     }
 }

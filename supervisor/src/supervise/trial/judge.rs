@@ -1,21 +1,131 @@
-//! The helper process that compares what a newcomer makes with what it should be: its start, the lines that it says, and its end.
+//! The helper process that compares what a newcomer makes with what it should be: its start, the lines that it says, and its end. One that could not be
+//! started, or has ended, is started again. Promise: that has an end, and where there is nobody to judge it a newcomer is not to blame for that.
 
-use crate::policy::Exit;
+use super::Trial;
+use crate::journal;
+use crate::policy::{Cause, Exit, Reason};
 use crate::spawn;
-use crate::supervise::Input;
+use crate::supervise::{Input, Supervisor};
 use crate::swap::judge::Seen;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, TICK_NS};
+use rustix::process::Signal;
 use std::io::{BufRead, BufReader};
-use std::os::unix::process::CommandExt;
-use std::process::{Child, Stdio};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
 
+/// How often one is started for a newcomer at most, and how long after the one before has ended or could not be had, ns.
+const MOST_STARTS: u32 = 4;
+const AGAIN_NS: u64 = 500_000_000;
 /// How long one that was killed may take to end where nobody but this thread can wait for it, ns.
 const REAPED_WITHIN_NS: u64 = 20_000_000;
 
-/// Starts the judge of a newcomer; what it says goes to `tell`. `None` where the system gives no process or no thread for it.
-pub(super) fn start(station: &Station, role: Role, guest: u32, draws: bool, tell: Sender<Input>) -> Option<Child> {
+/// What is next.
+#[derive(Debug, PartialEq)]
+enum Turn {
+    /// Nothing, for now.
+    Wait,
+    /// One is to be started.
+    Start,
+    /// None lasts: why the swap ends.
+    GiveUp(Reason),
+}
+
+/// The judge of one newcomer, once it needs one. It ends with this.
+#[derive(Debug, Default)]
+pub(super) struct Judging {
+    judge: Option<Child>,
+    /// When one is to be started, ns.
+    due_ns: Option<u64>,
+    starts: u32,
+    /// Of those, how many have died of what they read.
+    crashes: u32,
+}
+
+impl Judging {
+    /// It needs one from now on.
+    pub(super) fn begin(&mut self, now_ns: u64) {
+        self.due_ns = Some(now_ns);
+    }
+
+    /// Its judge says nothing more.
+    fn ended(&mut self, now_ns: u64) {
+        self.due_ns = Some(now_ns + AGAIN_NS);
+    }
+
+    fn turn(&mut self, now_ns: u64) -> Turn {
+        if self.due_ns.is_none_or(|due_ns| now_ns < due_ns) {
+            return Turn::Wait;
+        }
+        self.due_ns = None;
+        if self.judge.take().is_some_and(|judge| has_crashed(buried(judge))) {
+            self.crashes += 1;
+        }
+        if self.starts >= MOST_STARTS {
+            return Turn::GiveUp(self.reason());
+        }
+        self.starts += 1;
+        Turn::Start
+    }
+
+    /// One was started, or could not be.
+    fn take(&mut self, judge: Option<Child>, now_ns: u64) {
+        if judge.is_none() {
+            self.ended(now_ns);
+        }
+        self.judge = judge;
+    }
+
+    /// Why there is none. Each reader trusts what stands in memory that the newcomer writes: where every one has died of that, it is to blame.
+    fn reason(&self) -> Reason {
+        if self.crashes == self.starts {
+            return Reason::new(Cause::NotCompared, "whoever compares it dies of what it says");
+        }
+        let text = "there is nobody to judge it: its judge could not be started, or has ended, again and again";
+        Reason::new(Cause::NoTime, text)
+    }
+}
+
+impl Drop for Judging {
+    fn drop(&mut self) {
+        if let Some(judge) = self.judge.take() {
+            end(judge);
+        }
+    }
+}
+
+impl Supervisor {
+    /// Starts the judge that a newcomer needs; where none can be had, or none lasts, the swap ends.
+    pub(super) fn tend_judge(&mut self, now_ns: u64) {
+        let is_open = |trial: &&mut Trial| trial.record.cause.is_none() && !trial.record.proven;
+        let Some(trial) = self.trial.as_mut().filter(is_open) else { return };
+        let (role, incarnation) = (trial.role, trial.record.incarnation);
+        match trial.judging.turn(now_ns) {
+            Turn::Wait => {}
+            Turn::Start => {
+                let judge = start(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
+                if judge.is_none() {
+                    journal::say(&self.station, &format!("the judge of {} cannot be started", trial.record.slot));
+                }
+                trial.judging.take(judge, now_ns);
+            }
+            Turn::GiveUp(reason) => self.doubt(incarnation, reason),
+        }
+    }
+
+    /// The judge of a newcomer has ended by itself: nobody ends one before its swap is over.
+    pub(in crate::supervise) fn judge_ended(&mut self, incarnation: u32) {
+        let is_its_own = |trial: &&mut Trial| trial.record.incarnation == incarnation && !trial.record.proven;
+        let Some(trial) = self.trial.as_mut().filter(is_its_own) else { return };
+        journal::say(&self.station, &format!("the judge of {} has ended", trial.record.slot));
+        trial.forget_compared();
+        trial.judging.ended(system::now_ns());
+    }
+}
+
+/// Starts the judge of a newcomer; what it says goes to `tell`, and that it has ended, too. `None` where the system gives no process or no thread for it.
+fn start(station: &Station, role: Role, guest: u32, draws: bool, tell: Sender<Input>) -> Option<Child> {
     let mut command = crate::proc::own_program();
     command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
     command.args(draws.then_some("--draws"));
@@ -29,6 +139,7 @@ pub(super) fn start(station: &Station, role: Role, guest: u32, draws: bool, tell
                 return;
             }
         }
+        let _ = tell.send(Input::JudgeEnded { incarnation: guest }); // if nobody is left to be told, nobody judges
     };
     if std::thread::Builder::new().name("judge".into()).spawn(read).is_err() {
         end(child); // nobody would read what it says
@@ -37,8 +148,22 @@ pub(super) fn start(station: &Station, role: Role, guest: u32, draws: bool, tell
     Some(child)
 }
 
+/// Reaps a judge that says nothing more, if it has ended; gives how. One that has not is ended.
+fn buried(mut judge: Child) -> Option<ExitStatus> {
+    let status = judge.try_wait().ok().flatten();
+    if status.is_none() {
+        end(judge);
+    }
+    status
+}
+
+/// Whether it has read where there was nothing.
+fn has_crashed(status: Option<ExitStatus>) -> bool {
+    status.and_then(|status| status.signal()).and_then(Signal::from_named_raw) == Some(Signal::SEGV)
+}
+
 /// Ends a judge, and reaps it: one that waits for a recording's disk ends when that answers, and nobody waits for it.
-pub(super) fn end(mut judge: Child) {
+fn end(mut judge: Child) {
     let _ = judge.kill(); // gone is as good
     let pid = judge.id();
     if std::thread::Builder::new().name("judged".into()).spawn(move || judge.wait()).is_err() {
@@ -60,9 +185,77 @@ fn reap_within(pid: u32, within_ns: u64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Spent;
     use super::*;
+    use crate::swap::tests::record;
     use std::path::PathBuf;
     use std::process::Command;
+    use std::time::Duration;
+
+    /// How many judges are started, each of which becomes what is said, and for what cause the swap ends then.
+    fn started(becomes: impl Fn(&mut Judging, u64)) -> (u32, Cause) {
+        let (mut judging, mut now_ns) = (Judging::default(), 7);
+        assert_eq!(judging.turn(now_ns), Turn::Wait, "it needs none yet");
+        judging.begin(now_ns);
+        for starts in 0..100 {
+            match judging.turn(now_ns) {
+                Turn::Wait => panic!("one is due"),
+                Turn::Start => becomes(&mut judging, now_ns),
+                Turn::GiveUp(reason) => return (starts, reason.cause),
+            }
+            assert_eq!(judging.turn(now_ns + AGAIN_NS - 1), Turn::Wait);
+            now_ns += AGAIN_NS;
+        }
+        panic!("it never ends");
+    }
+
+    /// Half a minute later it was the newcomer's fault that nothing had been compared.
+    #[test]
+    fn a_judge_that_cannot_be_had_or_does_not_last_is_started_again_a_few_times_and_then_nobody_is_to_blame() {
+        assert_eq!(started(|judging, now_ns| judging.take(None, now_ns)), (MOST_STARTS, Cause::NoTime));
+        assert_eq!(started(|judging, now_ns| judging.ended(now_ns)), (MOST_STARTS, Cause::NoTime));
+        let crashes = |first: u32| {
+            started(|judging, now_ns| {
+                judging.crashes += u32::from(judging.starts > first);
+                judging.ended(now_ns);
+            })
+        };
+        assert_eq!(crashes(1), (MOST_STARTS, Cause::NoTime), "all but the first");
+        assert_eq!(crashes(0), (MOST_STARTS, Cause::NotCompared), "all of them, of what the newcomer wrote");
+    }
+
+    #[test]
+    fn a_judge_that_died_of_what_it_read_is_told_from_one_that_was_killed_or_gave_up() {
+        let ended = |status: i32| has_crashed(Some(ExitStatus::from_raw(status)));
+        assert_eq!([ended(11), ended(9), ended(1 << 8), has_crashed(None)], [true, false, false, false]);
+        let judge = Command::new("sh").args(["-c", "kill -SEGV $$"]).spawn().unwrap();
+        let until_ns = system::now_ns() + 60_000_000_000;
+        while crate::proc::status_of_zombie(judge.id()).is_none() {
+            assert!(system::now_ns() < until_ns, "it does not end");
+            std::thread::yield_now();
+        }
+        assert!(has_crashed(buried(judge)));
+    }
+
+    #[test]
+    fn that_a_judge_has_ended_is_told() {
+        let station = Station::named(&format!("t{}-judge-ends", std::process::id())).unwrap();
+        let (tell, inbox) = std::sync::mpsc::channel();
+        // This very program, which is none of a station here, and refuses its arguments.
+        let judge = start(&station, Role::Fluid, 7, false, tell).unwrap();
+        let told = inbox.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(matches!(told, Input::JudgeEnded { incarnation: 7 }), "{told:?}");
+        end(judge);
+    }
+
+    #[test]
+    fn what_a_judge_that_has_ended_had_compared_since_the_newcomer_has_the_role_proves_nothing() {
+        let mut trial = Trial::begin(record(), Role::Fluid, Spent::default());
+        (trial.proven, trial.compared) = (5, (40, 12));
+        assert_eq!(trial.compared_on_probation(), 33);
+        trial.forget_compared();
+        assert_eq!(trial.compared_on_probation(), 5, "what it was compared in before a pause stays");
+    }
 
     /// Where no thread could be had for its lines, its process was left for as long as the supervisor lived.
     #[test]

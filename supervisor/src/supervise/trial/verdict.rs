@@ -1,6 +1,6 @@
 //! What the lines of the judge come to: the newcomer agrees, and may go on, or it goes.
 
-use super::{LEAST_COMPARED, LEAST_PROVEN, MOST_OUTSIDE, SHADOW_NS, Trial};
+use super::{Effort, LEAST_COMPARED, LEAST_PROVEN, MOST_OUTSIDE, SHADOW_NS, Trial};
 use crate::policy::{self, Cause, Event, Reason};
 use crate::supervise::Supervisor;
 use crate::swap::judge::Seen;
@@ -16,6 +16,18 @@ impl Trial {
     pub(super) fn compared_on_probation(&self) -> u64 {
         self.proven + self.compared.0 - self.compared.1
     }
+
+    /// The judge has ended, and the next one counts from nothing: what this one compared since the newcomer has the role proves nothing.
+    pub(super) fn forget_compared(&mut self) {
+        self.compared = (0, 0);
+    }
+
+    /// What else than the newcomer may be to blame, by the judge's word, for what follows from a line of it.
+    fn note_excuses(&mut self, seen: &Seen, now_ns: u64) {
+        self.waits_ns = if seen.waits { now_ns } else { self.waits_ns };
+        self.silent = seen.silent && seen.outside >= MOST_OUTSIDE;
+        self.at_disk = self.silent && self.effort.as_ref().is_some_and(Effort::waits_for_machine);
+    }
 }
 
 impl Supervisor {
@@ -27,6 +39,7 @@ impl Supervisor {
         }
         let (now_ns, stage) = (system::now_ns(), trial.stage);
         trial.compared.0 = seen.compared;
+        trial.note_excuses(seen, now_ns);
         // How long it has been on probation the policy knows.
         let is_proof = stage == Stage::Trial && trial.role.is_stateful();
         let is_enough = match is_proof {
