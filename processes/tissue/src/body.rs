@@ -30,6 +30,8 @@ pub struct Room {
     pub regions: usize,
     /// Numbers of what is there from the beginning, which nothing else gets: those below this.
     pub named: usize,
+    /// Objects of the scene, of which every other one is a part that came off.
+    pub of_scene: usize,
 }
 
 impl Room {
@@ -44,6 +46,7 @@ impl Room {
             objects,
             regions,
             named: body.origin.len(),
+            of_scene: body.origin.len(),
         }
     }
 
@@ -183,7 +186,7 @@ impl Body {
             && are_below(objects, &rest.regions)
             && are_below(room.regions + 1, material)
             && are_below(vertices, skin.triangles.as_flattened())
-            && are_below(objects, origin)
+            && are_below(objects.min(room.of_scene), origin)
             && are_finite(rest.positions_m.as_flattened())
             && are_finite(skin.rest_m.as_flattened())
             && skin.bindings.iter().fold(true, |all, binding| all & is_bound(binding))
@@ -277,7 +280,7 @@ mod tests {
     }
 
     pub(super) fn room() -> Room {
-        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4, regions: 0, named: 2 }
+        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4, regions: 0, named: 2, of_scene: 2 }
     }
 
     #[test]
@@ -332,6 +335,8 @@ mod tests {
         let bodies = [
             body(),
             spoilt(|body| body.material = vec![0, 1, 2]),
+            spoilt(|body| body.origin.push(1)),
+            spoilt(|body| body.origin.push(2)),
             spoilt(|body| body.material = vec![0, 4, 1]),
             spoilt(|body| body.rest.regions[2] = 2),
             spoilt(|body| body.rest.tets[2][1] = 9),
@@ -349,7 +354,7 @@ mod tests {
         let is_sound: Vec<bool> = bodies.iter().map(|body| body.is_sound(&room)).collect();
         let is_taken: Vec<bool> = bodies.iter().map(|body| Body::unpack(&body.pack(), &room).is_some()).collect();
         assert_eq!(is_sound, is_taken);
-        assert_eq!(is_sound, (0..bodies.len()).map(|place| place < 2).collect::<Vec<bool>>());
+        assert_eq!(is_sound, (0..bodies.len()).map(|place| place < 3).collect::<Vec<bool>>());
         for small in
             [Room { nodes: 8, ..room }, Room { tets: 2, ..room }, Room { vertices: 5, ..room }, Room { triangles: 1, ..room }]
         {

@@ -224,10 +224,15 @@ fn options(room: &Room) -> CutOptions {
 
 /// Makes objects of the parts of a body that hang together no more, of which each tet has the number of its own; gives them, and what holds the body then.
 pub fn register_parts(case: &Case, body: &mut Body, part_of_tet: &[u32]) -> (Vec<Piece>, Held) {
-    let (tets, held) = (body.rest.tets.len(), case.held(body));
+    let (tets, mut held) = (body.rest.tets.len(), case.held_in_parts(body, part_of_tet));
     let parted = body.register_parts(part_of_tet, |node| held.is_rooted[node as usize], &case.room);
-    // A part is held by the same whatever its name is, but what is burnt holds nothing.
-    let held = if body.rest.tets.len() < tets { case.held(body) } else { held };
+    if body.rest.tets.len() < tets {
+        // What is burnt holds nothing.
+        held = case.held(body);
+    } else if !parted.is_empty() {
+        // Names matter where nothing holds an organ: the part that keeps its name is no piece, and holds what is tied to it.
+        held.is_rooted = case.rooted_nodes(body, &body.rest.regions, &held.is_held, &held.attachments);
+    }
     (parted, held)
 }
 

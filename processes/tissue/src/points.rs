@@ -87,7 +87,7 @@ fn surface(body: &Body, topology: &Topology) -> (Vec<f32>, Vec<u32>) {
 
 impl ContactPoints {
     /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet nobody; nor do
-    /// those beside the root of what is held, which comes out of the wall there. What the tets say of the nodes is left to [`Telling`].
+    /// those beside a root, which comes out of the wall there, or out of a chip of it. What the tets say of the nodes is left to [`Telling`].
     pub fn of(
         case: &Case,
         body: &Body,
@@ -114,10 +114,12 @@ impl ContactPoints {
         // Those that meet others, and of them those at roots, which meet nobody.
         let mut others_of: Vec<u32> = owner_of.iter().map(|owner| if may_meet(*owner) { *owner } else { NONE }).collect();
         let buried = buried(case, body, &owner_of, &others_of)?;
-        let mut is_root = body.fixed.clone();
-        attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
+        let (mut is_tied, mut is_root) = (vec![false; body.fixed.len()], body.fixed.clone());
+        attachments.iter().for_each(|held| is_tied[held.node as usize] = true);
+        buried.iter().for_each(|node| is_root[*node as usize] = true);
         for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-            if grows(*object) && tet.iter().any(|node| is_root[*node as usize]) {
+            let is_beside = |node: &u32| is_tied[*node as usize] || grows(*object) && is_root[*node as usize];
+            if may_meet(*object) && tet.iter().any(is_beside) {
                 tet.iter().for_each(|node| others_of[*node as usize] = NONE);
             }
         }

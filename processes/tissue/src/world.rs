@@ -2,9 +2,11 @@
 
 mod case;
 mod derived;
+mod held;
 mod lookup;
 mod model;
 mod modeller;
+mod outside;
 mod roots;
 
 use crate::body::{Body, Room};
@@ -19,6 +21,7 @@ use crate::site::MAX_OBJECTS;
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
 use derived::Derived;
+pub use held::Held;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::{Failure, Life, Settings};
 use hyst_exchange::allocation;
@@ -28,8 +31,8 @@ use hyst_scene::{LoadedLoop, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
 use modeller::{Job, Modeller};
+use outside::Outside;
 use parking_lot::Mutex;
-pub use roots::Held;
 use roots::Roots;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -51,6 +54,8 @@ pub struct Case {
     objects: Vec<(String, ObjectKind)>,
     /// Whether an object of the scene has a cavity.
     hollow: Vec<bool>,
+    /// What of the hollow organs lies outside.
+    outside: Outside,
     /// Whether anything holds an object of the scene, or a part of one that hangs apart, from the beginning.
     rooted: Vec<bool>,
     /// Density of each object of the scene, and what they are in.
@@ -60,7 +65,7 @@ pub struct Case {
     regions: Vec<Region>,
     /// Instruments by name.
     rigid: Vec<String>,
-    /// What holds a pathology in its host.
+    /// What ties a pathology to its host.
     roots: Roots,
     /// Mean edge of the scene's tets, m.
     pub edge_m: f32,
@@ -104,11 +109,11 @@ pub struct World {
     pub model: Model,
     /// Faces and neighbours.
     pub topology: Topology,
-    /// What holds a pathology in its host.
+    /// What ties a pathology to its host, or to what has come off that.
     pub attachments: Vec<Attachment>,
     /// Points of the contact test.
     pub points: ContactPoints,
-    /// Triangles of the cavity's wall: boundary triangles of hollow organs without held nodes.
+    /// Triangles of the cavity's wall: boundary triangles of what is hollow, wounds too, without held nodes; none of the outside of an organ that is held.
     pub wall: Vec<[u32; 3]>,
     /// All objects, instruments too.
     pub objects: Vec<ObjectRecord>,

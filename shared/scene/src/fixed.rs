@@ -1,4 +1,4 @@
-//! Which nodes do not move, and whether an organ is hollow.
+//! Which nodes do not move, whether an organ is hollow, and what of a hollow one lies outside.
 
 use crate::file::Fixed;
 use crate::locate::{Locator, bounds};
@@ -11,6 +11,8 @@ const HOLLOW_SHARE: f32 = 0.25;
 /// Most triangles that are asked, and steps of each look across.
 const ASKED: usize = 2_000;
 const LOOK_STEPS: u32 = 64;
+/// Cosine and sine of half a radian: by so much the looks to the sides are tilted against the normal.
+const TILT: [f32; 2] = [0.877_583, 0.479_426];
 /// Shell that is held when a hollow organ names no fixed nodes.
 pub(crate) const DEFAULT_SHELL: f64 = 0.06;
 /// Part of a solid organ, farthest from the scope, that is held when it names no fixed nodes.
@@ -58,6 +60,13 @@ pub(crate) fn hollow_triangles(positions_m: &[[f32; 3]], boundary: &[[u32; 3]], 
     if (of_wall as f32) < HOLLOW_SHARE * boundary.len() as f32 { vec![false; boundary.len()] } else { is_wall }
 }
 
+/// The triangles of some of a hollow organ's boundary that lie outside: most of the looks out of one, along the normal and tilted to four sides, meet nothing of
+/// the organ. Out of the cavity one or two may go through the canal; outside, where it bends inwards, one or two may meet the organ.
+pub(crate) fn outside_triangles(positions_m: &[[f32; 3]], some: &[[u32; 3]], locator: &Locator) -> Vec<[u32; 3]> {
+    let look = Look::across(positions_m, locator);
+    some.iter().filter(|triangle| look.is_free_on_most_ways(triangle)).copied().collect()
+}
+
 /// A look out of an organ, as far as the organ is long.
 struct Look<'a> {
     positions_m: &'a [[f32; 3]],
@@ -74,9 +83,24 @@ impl<'a> Look<'a> {
     /// Whether it meets tissue of the same organ, out of a triangle of its boundary and along the normal.
     fn meets_tissue(&self, triangle: &[u32; 3]) -> bool {
         let [a, b, c] = triangle.map(|node| Vec3::from(self.positions_m[node as usize]));
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let at = |step: u32| ((a + b + c) / 3.0 + normal * (step as f32 * self.step_m)).to_array();
+        self.meets((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
+    }
+
+    /// The same from a point in a direction.
+    fn meets(&self, from: Vec3, direction: Vec3) -> bool {
+        let at = |step: u32| (from + direction * (step as f32 * self.step_m)).to_array();
         (1..=LOOK_STEPS).any(|step| self.locator.find(at(step)).is_some())
+    }
+
+    /// Whether most looks out of a triangle, along the normal and to four sides, meet none.
+    fn is_free_on_most_ways(&self, triangle: &[u32; 3]) -> bool {
+        let [a, b, c] = triangle.map(|node| Vec3::from(self.positions_m[node as usize]));
+        let (along, normal) = ((b - a).normalize_or_zero(), (b - a).cross(c - a).normalize_or_zero());
+        let across = normal.cross(along);
+        let tilted = |side: Vec3| TILT[0] * normal + TILT[1] * side;
+        let looks = [normal, tilted(along), tilted(-along), tilted(across), tilted(-across)];
+        let free = looks.iter().filter(|look| !self.meets((a + b + c) / 3.0, **look)).count();
+        2 * free > looks.len()
     }
 }
 

@@ -1,7 +1,9 @@
 //! A scene with its meshes read, checked, placed and bound: what the engines start from.
 
 use crate::file::{DeformableKind, Look, Material, Scene};
+use crate::fixed::outside_triangles;
 use crate::fluid::LoadedFluid;
+use crate::locate::Locator;
 use crate::parts::loose_m3;
 use crate::pose::{LoadedHand, Pose};
 use crate::region::LoadedRegion;
@@ -84,6 +86,16 @@ impl LoadedDeformable {
     pub fn is_held(&self) -> bool {
         let on_bed = (1u32..).zip(&self.regions).filter(|(_, region)| region.bed_n_m4 > 0.0);
         self.fixed.contains(&true) || on_bed.map(|(number, _)| number).any(|number| self.mesh.regions.contains(&number))
+    }
+
+    /// Triangles of the mesh's boundary that lie on the outside of a hollow object and have no fixed node; of a solid one none.
+    pub fn outside(&self) -> Vec<[u32; 3]> {
+        if !self.hollow {
+            return Vec::new();
+        }
+        let mut triangles = hyst_mesh::boundary(&self.mesh).triangles;
+        triangles.retain(|triangle| triangle.iter().all(|node| self.fixed.get(*node as usize) != Some(&true)));
+        outside_triangles(&self.mesh.positions_m, &triangles, &Locator::new(&self.mesh))
     }
 }
 

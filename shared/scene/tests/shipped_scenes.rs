@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use glam::{Vec3, Vec3Swizzles};
-use hyst_scene::{DeformableKind, LoadedScene, OUTFLOW_RADII, Pose, load, load_embedded, sources, unpack};
+use hyst_scene::{DeformableKind, LoadedDeformable, LoadedScene, OUTFLOW_RADII, Pose, load, load_embedded, sources, unpack};
 use std::path::{Path, PathBuf};
 
 fn scene() -> LoadedScene {
@@ -139,6 +139,22 @@ fn the_uterus_is_held_outside_and_free_inside_and_the_polyp_is_rooted_in_it() {
             .sum();
         assert!(there.distance(scene.objects[1].mesh.positions_m[node.node as usize].into()) < 1e-6);
     }
+}
+
+/// About its waist nothing holds the uterus: it lies deeper under the hull there than what its scene fixes.
+#[test]
+fn the_outside_of_the_uterus_is_told_from_its_cavity_also_where_it_bends_inwards() {
+    let scene = scene();
+    let uterus = &scene.objects[0];
+    let at = |node: &u32| Vec3::from(uterus.mesh.positions_m[*node as usize]);
+    let waist = uterus.outside();
+    assert!(waist.len() > 40, "{} triangles", waist.len());
+    assert!(waist.as_flattened().iter().all(|node| at(node).xy().length() > 0.010), "{waist:?}");
+    let is_in_cavity = |place: Vec3| place.x.abs() < 0.010 && place.y.abs() < 0.006 && (0.005..0.050).contains(&place.z);
+    let all = LoadedDeformable { fixed: vec![false; uterus.fixed.len()], ..uterus.clone() }.outside();
+    assert!((550..700).contains(&all.len()), "{} triangles", all.len());
+    assert!(!all.as_flattened().iter().any(|node| is_in_cavity(at(node))));
+    assert!(scene.objects[1].outside().is_empty(), "the polyp has no cavity");
 }
 
 #[test]

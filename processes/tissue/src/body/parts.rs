@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn of_more_chips_than_there_are_numbers_the_smallest_are_burnt_and_none_stays_in_its_mother() {
-        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 256, regions: 0, named: 1 };
+        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 256, regions: 0, named: 1, of_scene: 1 };
         let mut body = chips(300);
         let (before_m3, small_m3) = (body.volume_of_m3(0), body.volume_m3([180, 181, 182, 183]));
         let new = registered(&mut body, |node| node == 0, &room);
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn numbers_of_pieces_that_are_gone_are_given_again_once_all_were_given_and_those_of_the_scene_are_not() {
-        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 8, regions: 0, named: 2 };
+        let room = Room { nodes: 4_000, tets: 1_000, vertices: 0, triangles: 0, objects: 8, regions: 0, named: 2, of_scene: 2 };
         let mut body = chips(4);
         // The scene has two objects, of which the second is gone from the beginning.
         body.origin = vec![0, 1];

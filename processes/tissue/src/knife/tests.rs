@@ -6,7 +6,7 @@ use crate::world::Workshop;
 use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::ObjectKind;
 use hyst_scene::LoadedScene;
-use hyst_tissue::{Isa, Skin};
+use hyst_tissue::{Attachment, Isa, Skin};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -155,10 +155,15 @@ fn assert_registered(world: &World, what: &str) {
     site.register_objects(&world.objects);
     let tools = world.objects.iter().filter(|object| object.kind == ObjectKind::Tool as u32).count();
     assert_eq!(site.present() as usize, objects.len() + tools, "{what}: present, with {tools} instruments");
-    let mut is_held = world.case.held_nodes(&world.body);
-    world.attachments.iter().for_each(|held| is_held[held.node as usize] = true);
+    let (is_held, owner) = (world.case.held_nodes(&world.body), world.body.owners());
     let held = rest.tets.iter().zip(&rest.regions).filter(|(tet, _)| tet.iter().any(|node| is_held[*node as usize]));
-    let held: BTreeSet<u32> = held.map(|(_, object)| *object).collect();
+    let mut held: BTreeSet<u32> = held.map(|(_, object)| *object).collect();
+    // What is tied to what is held is held, too, and what is tied to that: there are no more of them than objects.
+    for _ in &objects {
+        let is_host_held = |tie: &&Attachment| owner[tie.tet[0] as usize].is_some_and(|host| held.contains(&host));
+        let tied: Vec<u32> = world.attachments.iter().filter(is_host_held).filter_map(|tie| owner[tie.node as usize]).collect();
+        held.extend(tied);
+    }
     for object in world.objects.iter().filter(|object| object.tets[1] > 0) {
         assert_eq!(object.is_free_piece(), !held.contains(&object.id), "{what}: object {}", object.id);
     }

@@ -1,5 +1,6 @@
 //! What a scene says and no cut changes: whose a tet is and what it is made of.
 
+use super::outside::Outside;
 use super::roots::Roots;
 use super::{Case, mean_edge_m};
 use crate::body::{Body, Room};
@@ -30,9 +31,11 @@ impl Case {
         let roots = Roots::of(scene, body, starts);
         let edge_m = mean_edge_m(&body.rest.tets, &body.rest.positions_m);
         Ok(Case {
-            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || roots.has(index)).collect(),
+            // Known once the parts of the scene's meshes are.
+            rooted: Vec::new(),
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
+            outside: Outside::of(scene, body, starts),
             density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
             bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
             regions: regions(scene),
@@ -64,9 +67,8 @@ impl Case {
             let what = format!("the scene's meshes have {parts} parts that hang apart, at most {most} are told apart; {cure}");
             return Err(Failure::Input(what));
         }
-        let (pieces, _) = register_parts(self, body, &part_of_tet);
-        // Their numbers are those behind the scene's objects, in this order.
-        self.rooted.extend(pieces.iter().map(|piece| piece.is_held));
+        let (_, held) = register_parts(self, body, &part_of_tet);
+        self.rooted = held.objects(body);
         self.room.named = body.origin.len();
         self.closing.know(body);
         Ok(())

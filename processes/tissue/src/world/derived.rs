@@ -35,13 +35,11 @@ impl Derived {
     ) -> Result<Derived, Failure> {
         let made = faces.make(&body.rest.tets, &body.rest.regions, &body.rest.positions_m);
         let topology = made.map_err(|error| Failure::Input(error.to_string()))?;
-        let hollow = |owner: u32| case.hollow.get(case.origin(body, owner)).is_some_and(|hollow| *hollow);
-        let Held { is_held, is_rooted, attachments } = held.unwrap_or_else(|| case.held(body));
-        let is_wall =
-            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
-        let boundary = topology.boundary.iter().zip(&topology.boundary_owner);
-        let wall = boundary.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
-        let objects = objects(case, body, &is_rooted);
+        let held = held.unwrap_or_else(|| case.held(body));
+        let is_object_held = held.objects(body);
+        let wall = wall(case, body, &topology, (&held.is_held, &is_object_held));
+        let objects = objects(case, body, &is_object_held);
+        let attachments = held.attachments;
         let mut points = ContactPoints::of(case, body, &topology, &objects, &attachments)?;
         passed();
         let words = body.pack();
@@ -80,6 +78,19 @@ impl Derived {
     }
 }
 
+/// The triangles on which the medium in the cavity presses, of a body of which some nodes and some objects are held. What is free swims in it, and is wetted on
+/// its outside, too: pressed on one side alone it would be pushed away.
+fn wall(case: &Case, body: &Body, topology: &Topology, (is_held, is_object_held): (&[bool], &[bool])) -> Vec<[u32; 3]> {
+    let is_hollow = |owner: u32| case.hollow.get(case.origin(body, owner)).is_some_and(|hollow| *hollow);
+    let is_wall = |(triangle, owner): &(&[u32; 3], &u32)| {
+        is_hollow(**owner)
+            && triangle.iter().all(|node| !is_held[*node as usize])
+            && !(is_object_held[**owner as usize] && case.outside.has(body, **triangle))
+    };
+    let boundary = topology.boundary.iter().zip(&topology.boundary_owner);
+    boundary.filter(is_wall).map(|(triangle, _)| *triangle).collect()
+}
+
 /// Calls for each run of things of one object: with the object, the place of the first of them, and how many they are.
 fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32, u32, u32)) {
     let (mut of, mut first, mut end) = (None, 0, 0);
@@ -97,14 +108,9 @@ fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32,
     }
 }
 
-/// The records of all objects of a body, of which some nodes are rooted, and of the instruments.
-fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
+/// The records of all objects of a body, of which some are held, and of the instruments.
+fn objects(case: &Case, body: &Body, is_object_held: &[bool]) -> Vec<ObjectRecord> {
     let count = body.origin.len();
-    let mut held = vec![false; count];
-    for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
-        let is_held = &mut held[*object as usize];
-        *is_held = *is_held || tet.iter().any(|node| is_rooted[*node as usize]);
-    }
     let mut counts = vec![[[0u32; 2]; 4]; count];
     let mut note = |what: usize, object: u32, first: u32, number: u32| {
         let [at, sum] = &mut counts[object as usize][what];
@@ -122,7 +128,7 @@ fn objects(case: &Case, body: &Body, is_rooted: &[bool]) -> Vec<ObjectRecord> {
         let is_of_scene = case.is_of_scene(index as u32);
         let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
         // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
-        let is_free = !(held[index] || is_of_scene && *kind == ObjectKind::Organ);
+        let is_free = !(is_object_held[index] || is_of_scene && *kind == ObjectKind::Organ);
         let kind = if is_free { ObjectKind::FreePiece } else { *kind };
         let [tets, vertices, triangles, nodes] = counts[index];
         ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }

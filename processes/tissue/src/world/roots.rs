@@ -1,4 +1,4 @@
-//! What holds the objects of a scene in their hosts, and what of that holds after cuts.
+//! What ties the objects of a scene to their hosts, and what of that is left after cuts.
 //!
 //! Promise: a node is held at the place where it lay in its host at first, by the tet that is around it now. Where a cut has divided or parted that
 //! tet, or moved a corner of it, it is another one, or the same with other weights: so nothing draws two sides of a cut together, and no cut sets a
@@ -45,17 +45,6 @@ pub struct Roots {
     high: Vec3,
 }
 
-/// What holds the nodes of a body.
-#[derive(Debug, PartialEq)]
-pub struct Held {
-    /// Whether each is fixed, or in tissue that what is around it holds.
-    pub is_held: Vec<bool>,
-    /// Whether it is that, or held in a host.
-    pub is_rooted: Vec<bool>,
-    /// What holds a pathology in its host.
-    pub attachments: Vec<Attachment>,
-}
-
 impl Roots {
     /// Those of a scene, whose objects are joined in a body; the nodes of each begin at its `starts`.
     pub(super) fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Roots {
@@ -84,11 +73,6 @@ impl Roots {
         Roots { all, places, tets, is_corner, low, high }
     }
 
-    /// Whether anything of an object is held.
-    pub(super) fn has(&self, object: u32) -> bool {
-        self.places.known().iter().any(|[of, ..]| *of == object)
-    }
-
     /// Where one is held that is at a place at rest, by the object that is asked for.
     fn at(&self, place_m: [f32; 3], object: impl FnOnce() -> Option<u32>) -> Option<Root> {
         let place = Vec3::from(place_m);
@@ -115,15 +99,7 @@ impl Roots {
 }
 
 impl Case {
-    /// What holds the nodes of a body.
-    pub fn held(&self, body: &Body) -> Held {
-        let (is_held, attachments) = (self.held_nodes(body), self.attachments(body));
-        let mut is_rooted = is_held.clone();
-        attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
-        Held { is_held, is_rooted, attachments }
-    }
-
-    /// What holds the nodes of a body in hosts. A node that was copied is held as its original is.
+    /// What holds the nodes of a body in hosts, or in what has come off them. A node that was copied is held as its original is.
     pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
         if self.roots.all.is_empty() {
             return Vec::new();

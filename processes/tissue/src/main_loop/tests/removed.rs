@@ -6,6 +6,7 @@ use super::*;
 use crate::body::{Body, Piece};
 use crate::knife::{Filling, freed_m3, healthy_removed_m3, register_parts, removed_m3};
 use hyst_mesh::component_of_each_tet;
+use hyst_tissue::Isa;
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
 const THROUGH_M: f32 = 6e-3;
@@ -125,6 +126,56 @@ fn a_polyp_that_comes_free_as_a_whole_keeps_its_number_and_is_a_piece_once() {
     let again = made(body);
     assert!(!parted.is_empty() && parted.iter().all(|piece| piece.of == polyp), "{parted:?}");
     assert_eq!([freed_m3(&free, &again, &parted), removed_m3(&free, &again)], [0.0; 2], "it has been counted");
+}
+
+/// The body of which the wall about the polyp's root has come off, but for what is fixed, and the objects that this made.
+fn unrooted(world: &World) -> (Body, Vec<Piece>) {
+    let (body, polyp) = (&world.body, polyp_of(world));
+    let hosts: Vec<u32> = world.attachments.iter().flat_map(|held| held.tet).collect();
+    let is_chip = |tet: &usize| {
+        let nodes = &body.rest.tets[*tet];
+        let is_fixed = nodes.iter().any(|node| body.fixed[*node as usize]);
+        body.rest.regions[*tet] != polyp && !is_fixed && nodes.iter().any(|node| hosts.contains(node))
+    };
+    let chip: Vec<usize> = (0..body.rest.tets.len()).filter(is_chip).collect();
+    let mut left = body.clone();
+    let parted = part(world, &mut left, &chip);
+    (left, parted)
+}
+
+#[test]
+fn a_polyp_whose_wall_comes_off_with_its_root_floats_with_it_and_is_counted_once() {
+    let scene = || hyst_scene::load_embedded().unwrap();
+    let mut unfixed = scene();
+    // An organ that nothing holds is no piece, and what is tied to it is none.
+    unfixed.objects[0].fixed.fill(false);
+    for (what, scene) in [("held", scene()), ("loose", unfixed)] {
+        let (mut workshop, world) = Workshop::open(&scene, Isa::detect()).unwrap();
+        let polyp = polyp_of(&world);
+        let volume_m3 = world.body.volume_of_m3(polyp);
+        assert!(!world.objects[polyp as usize].is_free_piece() && !world.case.is_loose_in_scene(polyp), "{what}");
+        let (body, parted) = unrooted(&world);
+        assert!(!parted.is_empty() && parted.iter().all(|piece| piece.of != polyp && !piece.is_held), "{what}: {parted:?}");
+        let free = workshop.make(body).unwrap();
+        assert_eq!(free.attachments.len(), world.attachments.len(), "{what}: it is tied to the chip");
+        let drifting: Vec<u32> = free.drifters.iter().map(|drifter| drifter.object()).collect();
+        let mut loose: Vec<u32> = parted.iter().map(|piece| piece.object).chain([polyp]).collect();
+        loose.sort_unstable();
+        assert_eq!(drifting, loose, "{what}: both drift");
+        assert!(free.objects[polyp as usize].is_free_piece() && !free.objects[0].is_free_piece(), "{what}");
+        let [removed, freed] = [removed_m3(&world, &free), freed_m3(&world, &free, &parted)];
+        assert!(is_near(removed, volume_m3) && is_near(freed, volume_m3), "{what}: {removed}, {freed} of {volume_m3} m³");
+        let chip_m3: f64 = parted.iter().map(|piece| piece.volume_m3).sum();
+        let healthy = healthy_removed_m3(&world, &free);
+        assert!(is_near(healthy, chip_m3), "{what}: {healthy} of {chip_m3} m³");
+
+        // The chip leaves: the polyp was free before.
+        let alone = parted.iter().fold(free.body.clone(), |body, piece| body.without(piece.object));
+        let alone = workshop.make(alone).unwrap();
+        assert!(alone.attachments.is_empty() && alone.objects[polyp as usize].is_free_piece(), "{what}");
+        assert_eq!([removed_m3(&free, &alone), freed_m3(&free, &alone, &[])], [0.0; 2], "{what}: it has been counted");
+        assert!(!alone.case.is_loose_in_scene(polyp), "{what}: nor is it when it leaves");
+    }
 }
 
 #[test]
