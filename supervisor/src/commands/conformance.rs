@@ -200,7 +200,7 @@ fn in_a_station(role: Role, binary: &Path, place: Place, interrupted: &AtomicBoo
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
     let mut private = Private { station, child, interrupted };
     let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
-        2 => refusal, // of the file, or of what the station is to be like
+        2 => refusal,                        // of the file, or of what the station is to be like
         _ => Refusal { code: 3, ..refusal }, // it says nothing of the engine
     });
     let station = private.station.clone();

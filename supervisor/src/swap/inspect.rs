@@ -285,9 +285,8 @@ mod tests {
         assert_eq!([of_recording(None, 70), of_recording(status(5_000, 70), 70)], [true; 2]);
         assert_eq!([of_recording(status(5_400, 90), 70), of_recording(status(u64::MAX, 70), 70)], [false; 2], "it says too much");
         let mut pictures = Pictures { draws: true, frames: 3, state: 10, shown_tick: 9, ..Pictures::default() };
-        let drawn = |frames: u64| {
-            Some(RenderingStatus { frames, shown_tick: 9, size_px: [640, 480], ..RenderingStatus::default() })
-        };
+        let drawn =
+            |frames: u64| Some(RenderingStatus { frames, shown_tick: 9, size_px: [640, 480], ..RenderingStatus::default() });
         let mut of_pictures = |status, shown| is_still(pictures.look(status, 10, shown));
         assert_eq!([of_pictures(None, Ok(())), of_pictures(drawn(3), Ok(()))], [true; 2]);
         assert!(!of_pictures(drawn(4), Err("it is black")));
