@@ -6,6 +6,7 @@
 
 use crate::contacts::STIFFNESS_N_M3;
 use crate::state::Core;
+use crate::through::velocity_m_s;
 use crate::tool::{Stand, Tool};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
@@ -98,11 +99,11 @@ impl Grasp {
         self.grips.retain(|grip| grip.nodes.iter().all(|node| object(node) != NONE));
     }
 
-    /// Takes hold of the tissue that pads which look were found in, draws what is held to where the pads are of a tool at a pose with a velocity, and writes
-    /// it into its section.
-    pub fn act(&mut self, world: &World, seen: &[Hit], (pose, velocity_m_s): (&Pose, [f32; 3]), section: &mut [u8]) {
+    /// Takes hold of the tissue that pads which look were found in, draws what is held to where the pads are of a tool that came from one pose to another in
+    /// some time, s, and writes it into its section.
+    pub fn act(&mut self, world: &World, seen: &[Hit], (poses, since_s): ([&Pose; 2], f32), section: &mut [u8]) {
         self.take(world, seen);
-        self.hold(&world.case.tool, pose, velocity_m_s);
+        self.hold(&world.case.tool, poses, since_s);
         section.fill(0);
         for (place, grip) in section.chunks_exact_mut(size_of::<Grip>()).zip(&self.grips) {
             place.copy_from_slice(bytemuck::bytes_of(grip));
@@ -129,14 +130,15 @@ impl Grasp {
         }
     }
 
-    fn hold(&mut self, tool: &Tool, pose: &Pose, velocity_m_s: [f32; 3]) {
+    fn hold(&mut self, tool: &Tool, poses: [&Pose; 2], since_s: f32) {
         self.holds.clear();
-        let (at, area_m2) = (pad_placer(tool, pose), tool.jaws().map_or(0.0, |jaws| jaws.pad_area_m2));
-        let stiffness_n_m = STIFFNESS_N_M3 * area_m2;
+        let [before, now] = poses.map(|pose| pad_placer(tool, pose));
+        let stiffness_n_m = STIFFNESS_N_M3 * tool.jaws().map_or(0.0, |jaws| jaws.pad_area_m2);
         for grip in &self.grips {
-            if let Some(place) = at(grip.pad) {
-                let (nodes, weights) = (grip.nodes, grip.weights);
-                self.holds.push(Hold { nodes, weights, place_m: place.to_array(), velocity_m_s, stiffness_n_m });
+            if let Some((from, place)) = before(grip.pad).zip(now(grip.pad)) {
+                let (nodes, weights, place_m) = (grip.nodes, grip.weights, place.to_array());
+                let velocity_m_s = velocity_m_s(from.to_array(), place_m, since_s);
+                self.holds.push(Hold { nodes, weights, place_m, velocity_m_s, stiffness_n_m });
             }
         }
     }

@@ -1,18 +1,17 @@
-//! What the tool has gone through: nothing tunnels, however fast it is and however thin the part.
+//! What the tool has gone through: none of its points tunnels, however fast it is and however thin the part. What passes between its points is not seen: a
+//! part that is narrower than they are apart may.
 //!
 //! A point that lies in tissue is found by the intersection test. One that went into a part and out of its far side is not; it is held here by the face
 //! that it went in by, until it is back on that face's outer side. Two things lead to a point being held: it lay in the tissue a step before (the state
 //! remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds.
 
 use crate::contacts::ToolMotion;
-use crate::tool::Stand;
 use crate::world::World;
 use glam::{Quat, Vec3};
 use hyst_contact::{
     Crossing, HashRef, Hit, Memory, Penetration, Sense, Source, SweepInput, Tissue, first_crossing, sweep, triangles_in_box,
 };
 use hyst_engine::Failure;
-use hyst_messages::Pose;
 
 /// From this way in a step on, m, a point may pass a part without a step that finds it inside: no part of a mesh is thinner than that.
 const SWEPT_FROM_M: f32 = 1e-4;
@@ -24,13 +23,11 @@ const SLACK_M: f32 = 2.5e-4;
 /// Largest cosine between the outside of the tool and that of a face which it meets: they are opposite where the surfaces are smooth.
 const MOST_ALONG: f32 = 0.2;
 
-/// How tool and tissue came to where they are, and the table of the points there.
+/// How the tissue came to where it is, and the table of the points there.
 #[derive(Clone, Copy, Debug)]
 pub struct Passage<'a> {
     /// The table of this step.
     pub hash: &'a HashRef<'a>,
-    /// Where the tool was in the step before, and how its working element stood.
-    pub before: (&'a Pose, Stand),
     /// Velocities of the nodes, m/s.
     pub velocities_m_s: &'a [[f32; 3]],
     /// The step, s.
@@ -85,7 +82,7 @@ impl Through {
         tissue: &Tissue<'_>,
         memory: &mut [Memory],
     ) -> Result<(), Failure> {
-        world.case.tool.place(passage.before.0, passage.before.1, &mut self.before_m);
+        world.case.tool.place(tool.before.0, tool.before.1, &mut self.before_m);
         let swiftest = passage.velocities_m_s.iter().map(|velocity| Vec3::from(*velocity).length_squared()).fold(0.0, f32::max);
         self.tissue_m = swiftest.sqrt() * passage.dt_s;
         self.entered.fill(None);
@@ -125,6 +122,12 @@ impl Through {
             }
         }
         Ok(())
+    }
+
+    /// How fast a point of the tool goes, m/s, after [`look`](Self::look).
+    pub fn velocity_m_s(&self, point: usize, tool: &ToolMotion<'_>) -> [f32; 3] {
+        let ends = self.before_m.get(point).zip(tool.points_m.get(point));
+        ends.map_or([0.0; 3], |(from_m, to_m)| velocity_m_s(*from_m, *to_m, tool.since_s))
     }
 
     fn fastest_m(&self, tool: &ToolMotion<'_>) -> f32 {
@@ -186,6 +189,12 @@ impl Through {
     pub fn held(&self) -> &[u32] {
         &self.held
     }
+}
+
+/// How fast something goes that came from one place to another in some time, m/s: not at all, if it was nowhere before or has jumped.
+pub fn velocity_m_s(from_m: [f32; 3], to_m: [f32; 3], since_s: f32) -> [f32; 3] {
+    let way = Vec3::from(to_m) - Vec3::from(from_m);
+    if way.length() <= FARTHEST_M { (way / since_s).to_array() } else { [0.0; 3] }
 }
 
 /// Whether a face is one that a point of the tool can meet from outside of the tissue: one that looks against the tool's own surface there.

@@ -1,20 +1,25 @@
 //! Contacts of a tool, condensed to a few planes that the haptic servo can evaluate between two steps of the tissue.
 //!
-//! The servo computes F = Σ kᵢ·max(0, (pointᵢ − x_tip)·nᵢ)·nᵢ. Each contact is shared among eight fixed directions (the
+//! The servo computes F = Σ kᵢ·max(0, (pointᵢ − x_tip)·nᵢ)·nᵢ. What touches an instrument that turns about a pivot is felt at its
+//! tip (`lever.rs`): of a direction n with s = |T·n| the direction n' = T·n/s, the force s·N, the stiffness s²·k and the damping
+//! s²·c, for where the tip goes by δ along n' the point goes by s·δ along n. Each contact is shared among eight fixed directions (the
 //! corners of a cube) by smooth weights; each direction with a force becomes a plane whose normal is its share's direction and
 //! whose depth is its share's force over its stiffness. So at the present pose the planes give the sum of the contacts' normal
-//! forces exactly, and contacts that come, go or turn change the planes without a step. Friction is not in the planes, which
-//! conserve energy; it is in the residual.
-//! Points that are about to touch ([`Gap`]) make planes too, at the distance of their gap: there the hand meets the wall at the
-//! servo's rate, before the tissue has answered.
+//! forces, as they are felt, exactly, and contacts that come, go or turn change the planes without a step. Friction is not in the
+//! planes, which conserve energy.
+//! Points that are about to touch ([`Gap`]) make planes too, at the distance of their gap over s: there the hand meets the wall at
+//! the servo's rate, before the tissue has answered.
 
+use crate::force::ContactForce;
+use crate::lever::Lever;
 use crate::near::Gap;
-use crate::response::ContactForce;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// Most planes of a set.
 pub const MAX_PLANES: usize = 8;
+/// What is felt at the tip with less than this share of its force is not felt.
+const LEAST_FELT: f32 = 0.01;
 
 /// A wall for the tool's tip. Plain old data; all zero: no plane.
 #[repr(C)]
@@ -47,8 +52,6 @@ pub struct PlaneSet {
     pub planes: [Plane; MAX_PLANES],
     /// Planes in use.
     pub count: u32,
-    /// The tool's whole contact force less that of the planes at this pose: friction and rounding. Newtons.
-    pub residual_n: [f32; 3],
 }
 
 impl PlaneSet {
@@ -66,12 +69,16 @@ pub struct PlaneInput<'a> {
     pub contacts: &'a [ContactForce],
     /// The gap of each point ([`crate::find_gaps`]), or empty for no walls about to be met.
     pub gaps: &'a [Gap],
+    /// Where each point is, metres; parallel to the gaps.
+    pub points_m: &'a [[f32; 3]],
     /// Object of each point; parallel to the gaps.
     pub owner: &'a [u32],
     /// Area that each point stands for, m²; parallel to the gaps.
     pub point_area_m2: &'a [f32],
-    /// The tool's reference, metres.
+    /// The tool's tip, where the planes are felt, metres.
     pub tip_m: [f32; 3],
+    /// What the tool slides through and turns about, metres; without it all of the tool goes as its tip does.
+    pub pivot_m: Option<[f32; 3]>,
     /// The tool's object.
     pub tool: u32,
 }
@@ -81,7 +88,7 @@ pub struct PlaneInput<'a> {
 pub struct PlaneParams {
     /// Gaps from here on make no plane, metres.
     pub range_m: f32,
-    /// Force per area and depth, as in the response, N/m³.
+    /// Force per area and depth, as of the contacts, N/m³.
     pub stiffness_n_m3: f32,
 }
 
@@ -105,18 +112,34 @@ fn shares(direction: Vec3) -> [f32; MAX_PLANES] {
     if sum > 0.0 { raw.map(|w| w / sum) } else { [0.0; MAX_PLANES] }
 }
 
-/// Condenses the contacts and gaps of one tool.
+/// How a direction at a place is felt at the tip: which way, and how far the point goes along the one for each metre of the tip along the other.
+fn felt(lever: Option<Lever>, place_m: [f32; 3], direction: [f32; 3]) -> (Vec3, f32) {
+    let direction = Vec3::from_array(direction);
+    let Some(lever) = lever else { return (direction, 1.0) };
+    let felt = lever.felt(place_m, direction);
+    let share = felt.length();
+    (felt / share, share)
+}
+
+/// Condenses the contacts and gaps of one tool. Contacts of which one is no number make no plane, nor do gaps beside them.
 pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
     let mut set = PlaneSet::default();
-    let mut whole = Vec3::ZERO;
+    let lever = Lever::of(input.pivot_m, input.tip_m);
     let mut bins = [Bin::default(); MAX_PLANES];
     for contact in input.contacts.iter().filter(|c| c.owner == input.tool && c.normal_n > 0.0) {
-        let direction = Vec3::from_array(contact.direction);
-        whole += Vec3::from_array(contact.force_n);
+        let (direction, share) = felt(lever, contact.place_m, contact.direction);
+        if share < LEAST_FELT {
+            continue;
+        }
+        let normal_n = share * contact.normal_n;
+        if !(direction * normal_n).is_finite() {
+            return PlaneSet::default();
+        }
+        let squared = share * share;
         for (bin, w) in bins.iter_mut().zip(shares(direction)) {
-            bin.force_n += direction * (w * contact.normal_n);
-            bin.stiffness_n_m += w * contact.stiffness_n_m;
-            bin.damping_n_s_m += w * contact.damping_n_s_m;
+            bin.force_n += direction * (w * normal_n);
+            bin.stiffness_n_m += w * (squared * contact.stiffness_n_m);
+            bin.damping_n_s_m += w * (squared * contact.damping_n_s_m);
         }
     }
     let tip = Vec3::from_array(input.tip_m);
@@ -128,28 +151,32 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
             set.push(tip, bin.force_n / force, depth, bin.stiffness_n_m, bin.damping_n_s_m);
         }
     }
-    set.residual_n = (whole - Vec3::from_array(set.force_n(input.tip_m))).to_array();
-    if !Vec3::from_array(set.residual_n).is_finite() {
+    if !Vec3::from_array(set.force_n(input.tip_m)).is_finite() {
         return PlaneSet::default();
     }
-    approach(input, params, &mut set);
+    approach(input, params, lever, &mut set);
     set
 }
 
 /// Planes of the walls about to be met: offset = mean gap, the nearest counting most; stiffness fades to zero at the range.
-fn approach(input: &PlaneInput<'_>, params: &PlaneParams, set: &mut PlaneSet) {
+fn approach(input: &PlaneInput<'_>, params: &PlaneParams, lever: Option<Lever>, set: &mut PlaneSet) {
     let mut bins = [Bin::default(); MAX_PLANES];
-    for (gap, (&owner, &area)) in input.gaps.iter().zip(input.owner.iter().zip(input.point_area_m2)) {
+    let points = input.points_m.iter().zip(input.owner).zip(input.point_area_m2);
+    for (gap, ((&place_m, &owner), &area)) in input.gaps.iter().zip(points) {
         let near = gap.distance_m < params.range_m;
         if owner != input.tool || !near {
             continue;
         }
+        let (direction, share) = felt(lever, place_m, gap.direction);
+        if share < LEAST_FELT {
+            continue;
+        }
         let near = 1.0 - gap.distance_m / params.range_m;
-        let (direction, stiffness) = (Vec3::from_array(gap.direction), params.stiffness_n_m3 * area * near * near);
+        let stiffness = share * share * (params.stiffness_n_m3 * area * near * near);
         for (bin, w) in bins.iter_mut().zip(shares(direction)) {
             bin.force_n += direction * (w * stiffness);
             bin.stiffness_n_m += w * stiffness;
-            bin.gap += w * stiffness * gap.distance_m;
+            bin.gap += w * stiffness * (gap.distance_m / share);
         }
     }
     let mut order: [(f32, usize); MAX_PLANES] = std::array::from_fn(|b| {

@@ -1,4 +1,4 @@
-//! Continuous test: what a point went through between two steps, so that nothing tunnels.
+//! Continuous test: what a point went through between two steps, so that no point tunnels. What passes between two points is not seen.
 //!
 //! [`sweep`] looks at the paths of all points at once and is for steps in which something is fast; [`first_crossing`] looks along one way and is for the few
 //! points that are to be followed. Segment against triangle after Möller and Trumbore 1997, with a slack at the edges so that no path slips between

@@ -21,5 +21,5 @@ fn a_tick_allocates_nothing() {
         }
     });
     assert_eq!(counted.count_total, 0);
-    assert!(tick.found > 100 && tick.set.count > 0 && tick.wrenches[0].force_n[2] < 0.0);
+    assert!(tick.found > 100 && tick.set.count > 0 && tick.set.force_n(tick.tool.points_m[0])[2] < 0.0);
 }

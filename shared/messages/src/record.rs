@@ -101,7 +101,8 @@ pub struct HardwareSample {
     pub from_window: u32,
 }
 
-/// One plane of the local contact model: F = stiffness · max(0, (point − x)·normal) · normal, x the tip.
+/// One plane of the local contact model: F = stiffness · max(0, (point − x)·normal) · normal, x the tip. What touches the instrument elsewhere is in it
+/// as it is felt at the tip.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ContactPlane {

@@ -25,7 +25,7 @@ pub struct TissueStatus {
     pub cavity_pressure_pa: f32,
     /// Contacts found in the step.
     pub contact_count: u32,
-    /// Force of the tissue on the tool in the step, N.
+    /// Force of the tissue on the tool in the step, N: the sum of all, wherever they act, with friction and damping.
     pub tool_force_n: [f32; 3],
     /// Shares of the intersection test that the coordinator had to compute itself, so far.
     pub shares_missing: u32,

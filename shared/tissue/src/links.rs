@@ -356,3 +356,6 @@ impl Links<'_> {
         self.pressure.add_forces(&position[..nodes], &mut force[..nodes]);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Body, block, noise, options};
-use hyst_tissue::{ContactLaw, Isa, Material, Model, ModelError, Options, PlaneSpring, Push, StateRef, StepInput};
+use hyst_tissue::{ContactLaw, Isa, Material, Model, ModelError, Options, PlaneSpring, Push, StateRef, StepInput, gather};
 
 fn free_body(damping_per_s: f64) -> Body {
     let mesh = block([4, 3, 3], 0.003);
@@ -296,6 +296,35 @@ fn what_is_told_of_contacts_is_what_the_tissue_got() {
             ((after[axis] - before[axis]) / f64::from(DT_S), f64::from(told[0].force_n[axis] + told[1].force_n[axis]));
         assert!((got_n - told_n).abs() < 0.02 * f64::from(told[0].normal_n), "axis {axis}: got {got_n} N, told {told_n} N");
     }
+}
+
+/// A contact with a point in a tet, which slides and is damped.
+#[test]
+fn the_nodes_of_a_contact_get_the_force_and_the_moment_that_the_tool_loses() {
+    const DT_S: f32 = 2e-7;
+    let mesh = block([4, 3, 3], 0.003);
+    let material = Material::new(10_000.0, 0.45, 1000.0, 0.0).unwrap();
+    let stiff = Options { contact_stiffness_n_m: 2000.0, max_substeps: 64, ..options() };
+    let mut body = Body::new(Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, stiff).unwrap().0);
+    let (nodes, weights, normal) = (*body.model.tets().last().unwrap(), [0.4, 0.3, 0.2, 0.1], [0.6, 0.0, -0.8]);
+    let place_m = gather(nodes, weights, body.model.rest_m()).unwrap();
+    let offset_m = normal[0] * place_m[0] + normal[2] * place_m[2] + 3e-4;
+    let spring = PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: [0.05, 0.04, 0.02], stiffness_n_m: 300.0 };
+    let law = ContactLaw { damping_s: 1e-4, friction: 0.3, ..ContactLaw::default() };
+    let report = body.step_with(&StepInput { law, dt_s: DT_S, ..in_contact(&[spring], 0.0) });
+    assert_eq!(report.ignored_springs, 0);
+    let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+    let told = body.scratch.push(&body.model, &law, &spring, &at);
+    let across_n = told.force_n[1];
+    assert!(told.normal_n > 0.05 && across_n > 0.005, "it pushes and drags: {told:?}");
+    // It was at rest.
+    for (got, told_n) in momentum(&body).iter().zip(told.force_n) {
+        let got_n = got / f64::from(DT_S);
+        assert!((got_n - f64::from(told_n)).abs() < 0.02 * f64::from(told.normal_n), "got {got_n} N, told {told_n} N");
+    }
+    let told_n_m = f64::from(place_m[0] * told.force_n[1] - place_m[1] * told.force_n[0]);
+    let got_n_m = spin(&body) / f64::from(DT_S);
+    assert!((got_n_m - told_n_m).abs() < 0.02 * told_n_m.abs(), "got {got_n_m} N·m, told {told_n_m} N·m");
 }
 
 #[test]

@@ -93,8 +93,6 @@ pub struct Press {
     shared: Arc<Shared>,
     threads: SynchronizedThreads<Shared>,
     hand: Option<LoadedHand>,
-    /// Where the tool was in the last step.
-    last: Pose,
     scratch: Scratch,
     surface: BoundSurface,
     contacts: Contacts,
@@ -147,8 +145,7 @@ impl Press {
             world,
             searches,
         });
-        let mut press = Press {
-            last: Pose::default(),
+        Ok(Press {
             finer: finer.max(1) as usize,
             threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
             hand: scene.hand("press").cloned(),
@@ -165,9 +162,7 @@ impl Press {
             next_m_s: vec![[0.0; 3]; nodes],
             surface_m: vec![[0.0; 3]; shared.world.body.skin.bindings.len()],
             shared,
-        };
-        press.last = press.pose(0);
-        Ok(press)
+        })
     }
 
     /// Number of tets.
@@ -257,16 +252,16 @@ impl Press {
 
         let tool = ToolMotion {
             points_m: &self.points_m,
-            velocity_m_s: std::array::from_fn(|axis| (pose.position_m[axis] - before.position_m[axis]) / DT_S),
+            before: (&before, Stand::default()),
+            since_s: DT_S,
             tip_m: pose.position_m,
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
             orientation: pose.orientation,
         };
         let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
         let table = HashRef::in_words(&input.table).map_err(text)?;
-        let last = std::mem::replace(&mut self.last, pose);
         let dt_s = DT_S / self.finer as f32;
-        let passage = Passage { hash: &table, before: (&last, Stand::default()), velocities_m_s, dt_s };
+        let passage = Passage { hash: &table, velocities_m_s, dt_s };
         self.contacts.meet(world, &self.hits[..found], (&tool, &passage), positions_m, &mut self.memory).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
         laps.lap();

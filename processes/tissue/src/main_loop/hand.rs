@@ -7,6 +7,7 @@ use crate::grasp;
 use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
+use crate::tool::Stand;
 use hyst_engine::{Stateful, StepContext};
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
@@ -36,11 +37,16 @@ pub(super) struct Hand {
 }
 
 impl Hand {
-    /// The tool's points as they move; the way back is that to the pivot.
-    pub(super) fn motion<'a>(&self, pivot_m: [f32; 3], points_m: &'a [[f32; 3]]) -> ToolMotion<'a> {
+    /// The tool's points as they move from where they were some time ago, s; the way back is that to the pivot.
+    pub(super) fn motion<'a>(
+        &self,
+        pivot_m: [f32; 3],
+        points_m: &'a [[f32; 3]],
+        (before, since_s): ((&'a Pose, Stand), f32),
+    ) -> ToolMotion<'a> {
         let tip_m = self.pose.position_m;
         let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
+        ToolMotion { points_m, before, since_s, tip_m, back, orientation: self.pose.orientation }
     }
 
     /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.

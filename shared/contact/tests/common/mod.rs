@@ -141,6 +141,25 @@ pub fn brute(points_m: &[[f32; 3]], points: &Points, tissue: &Tissue) -> Vec<Hit
     out
 }
 
+/// The force on a point of a tool that is so deep, with contacts of some stiffness per area, N/m³.
+pub fn force_of(penetration: &Penetration, tool: &Capsule, stiffness_n_m3: f32) -> ContactForce {
+    let point = penetration.point as usize;
+    let stiffness_n_m = stiffness_n_m3 * tool.area_m2[point];
+    let normal_n = stiffness_n_m * penetration.depth_m;
+    ContactForce {
+        point: penetration.point,
+        owner: TOOL,
+        place_m: tool.points_m[point],
+        direction: penetration.direction,
+        normal_n,
+        stiffness_n_m,
+        damping_n_s_m: normal_n / DAMPING_M_S,
+    }
+}
+
+/// Speed of entering at which the damping of these forces doubles them, m/s.
+const DAMPING_M_S: f32 = 0.5;
+
 /// A tool against tissue of one owner, from the test to the depths.
 pub struct Poke {
     pub positions_m: Vec<[f32; 3]>,

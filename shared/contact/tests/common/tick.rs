@@ -1,11 +1,12 @@
 //! One tick of a capsule pressed into a block, step by step, with all buffers sized before.
 
-use super::{Capsule, TOOL, block, capsule};
+use super::{Capsule, TOOL, block, capsule, force_of};
 use hyst_contact::*;
 
 const MM: f32 = 1e-3;
-const RESPONSE: ResponseParams =
-    ResponseParams { stiffness_n_m3: 1e7, damping_speed_m_s: 0.5, friction: 0.2, slip_speed_m_s: 1e-3, max_point_force_n: 1.0 };
+const STIFFNESS_N_M3: f32 = 1e7;
+/// What the capsule turns about.
+const PIVOT_M: [f32; 3] = [0.0, 0.0, -40.0 * MM];
 
 /// A step of the tick.
 pub type Step = fn(&mut Tick);
@@ -34,7 +35,6 @@ pub struct Tick {
     pub body: Body,
     pub tool: Capsule,
     pub set: PlaneSet,
-    pub wrenches: [Wrench; 1],
     pub found: usize,
     words: Vec<u32>,
     cull: Cull,
@@ -44,9 +44,6 @@ pub struct Tick {
     work: Workspace,
     depths: Vec<Penetration>,
     contacts: Vec<ContactForce>,
-    node_force_n: Vec<[f32; 3]>,
-    still: Vec<[f32; 3]>,
-    resting: Vec<[f32; 3]>,
     gaps: Vec<Gap>,
 }
 
@@ -60,7 +57,6 @@ impl Tick {
         let graph = PointGraph::from_edges(n, &tool.edges);
         Tick {
             set: PlaneSet::default(),
-            wrenches: [Wrench::default()],
             found: 0,
             words: vec![0; HashSizes::for_points(n).words()],
             cull: Cull::remembering(nodes, tets.len(), n),
@@ -70,9 +66,6 @@ impl Tick {
             work: Workspace::new(n, 2 * n, nodes),
             depths: vec![Penetration::default(); 2 * n],
             contacts: vec![ContactForce::default(); 2 * n],
-            node_force_n: vec![[0.0; 3]; nodes],
-            still: vec![[0.0; 3]; n],
-            resting: vec![[0.0; 3]; nodes],
             gaps: vec![Gap::FAR; n],
             tool,
             body: Body {
@@ -91,7 +84,7 @@ impl Tick {
         ("hash", Tick::hash),
         ("test", Tick::test),
         ("depth", Tick::depth),
-        ("response", Tick::response),
+        ("forces", Tick::forces),
         ("gaps", Tick::near),
         ("planes", Tick::planes),
     ];
@@ -124,20 +117,10 @@ impl Tick {
         assert_eq!(found.count, self.found);
     }
 
-    fn response(&mut self) {
-        let motion = Motion {
-            points_m: &self.tool.points_m,
-            point_velocity_m_s: &self.still,
-            point_area_m2: &self.tool.area_m2,
-            node_velocity_m_s: &self.resting,
-        };
-        let mut out =
-            ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut self.wrenches, contacts: &mut self.contacts };
-        let (points, tissue) = (self.body.points(), self.body.tissue());
-        let rigids = [Rigid { owner: TOOL, reference_m: self.tool.points_m[0] }];
-        let depths = &self.depths[..self.found];
-        let found = respond(depths, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out);
-        assert_eq!(found.unwrap().dropped, 0);
+    fn forces(&mut self) {
+        for (contact, penetration) in self.contacts.iter_mut().zip(&self.depths[..self.found]) {
+            *contact = force_of(penetration, &self.tool, STIFFNESS_N_M3);
+        }
     }
 
     fn near(&mut self) {
@@ -151,12 +134,14 @@ impl Tick {
         let input = PlaneInput {
             contacts: &self.contacts[..self.found],
             gaps: &self.gaps,
+            points_m: &self.tool.points_m,
             owner: &self.body.owner,
             point_area_m2: &self.tool.area_m2,
             tip_m: self.tool.points_m[0],
+            pivot_m: Some(PIVOT_M),
             tool: TOOL,
         };
-        let params = PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: RESPONSE.stiffness_n_m3 };
+        let params = PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3 };
         self.set = planes(&input, &params);
     }
 }

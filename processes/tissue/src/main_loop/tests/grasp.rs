@@ -3,7 +3,7 @@
 
 use super::pieces::sunk;
 use super::*;
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use hyst_messages::Controls;
 use hyst_messages::stream::ObjectKind;
 
@@ -19,6 +19,9 @@ const LOOSE_M: f32 = 1e-4;
 /// How fast the hand goes back with what it holds, m/s, and for how many ticks.
 const BACK_M_S: f32 = 0.02;
 const BACK: u64 = 250;
+/// How far jaws roll in a tick, rad, and how fast the pads at their sides go then at least, m/s.
+const ROLL_RAD: f32 = 2e-3;
+const AROUND_M_S: f32 = 5e-4;
 /// How deep the hand is in the cavity, m; the tests' tool stands where they want it.
 const IN_M: f32 = 0.03;
 
@@ -61,6 +64,23 @@ fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u
         assert!(step > 0 || held == 0, "{held} points are held by jaws that do not close");
     }
     (now, middle_m, SINKS + ticks + 2)
+}
+
+/// Jaws that have closed on a place and roll on the spot draw what each pad holds around their axis.
+fn assert_rolls(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], (tick, middle_m): (u64, Vec3)) {
+    let mut record = at(&main.world, tick, (middle_m, 0.0), (0.0, IN_M));
+    let pose = &mut record.sample.pose;
+    let (turn, tip) = (Quat::from_array(pose.orientation), Vec3::from(pose.position_m));
+    pose.orientation = (turn * Quat::from_rotation_z(ROLL_RAD)).to_array();
+    fed(main, device, now, &record);
+    let rolls = turn * Vec3::Z * (ROLL_RAD / 1e-3);
+    let mut fastest_m_s = 0.0f32;
+    for hold in main.grasp.holds() {
+        let wanted = rolls.cross(Vec3::from(hold.place_m) - tip);
+        assert!(Vec3::from(hold.velocity_m_s).distance(wanted) < 1e-4, "{:?}, not {wanted} m/s", hold.velocity_m_s);
+        fastest_m_s = fastest_m_s.max(wanted.length());
+    }
+    assert!(fastest_m_s > AROUND_M_S, "all pads that hold are on the axis: {fastest_m_s} m/s");
 }
 
 /// A station whose scene has jaws, and the settings of its tissue.
@@ -138,6 +158,7 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
     let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
     let held = core_of(&now).held;
     assert!(held >= 3, "{held} points are held");
+    assert_rolls(&mut main, &pages[1], &now, (tick, middle_m));
     let back = middle_m.normalize();
     let (mut pulled_n, mut planes) = (Vec::new(), 0);
     while core_of(&now).held > 0 {

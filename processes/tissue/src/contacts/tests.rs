@@ -1,0 +1,115 @@
+//! Promise of the tool's contacts: each moves as its point of the tool does, and knows where that is; and buffers fit every world.
+
+use super::*;
+use crate::tool::NOWHERE;
+use crate::world::Workshop;
+use hyst_contact::intersect_brute;
+use hyst_tissue::Isa;
+
+/// A step, s, which is not the shortest.
+const SINCE_S: f32 = 2e-3;
+/// The tool lies in the wall below, from its tip to near the pivot.
+const PITCH_RAD: f32 = 0.35;
+const INSERTION_M: f32 = 0.04;
+
+fn world() -> World {
+    Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap().1
+}
+
+/// Where the tool lies, turned on about the pivot and about its own axis.
+fn pose(world: &World, pitch_rad: f32, roll_rad: f32) -> Pose {
+    world.case.pose_of(&hyst_scene::Pose { pitch_rad, roll_rad, insertion_m: INSERTION_M, ..Default::default() })
+}
+
+/// Place and velocity of each contact of a tool that went from one pose to another in tissue at rest, m and m/s.
+fn met(world: &World, [before, now]: [&Pose; 2]) -> Vec<(Vec3, Vec3)> {
+    let (case, rest_m, stand) = (&world.case, &world.body.rest.positions_m[..], Stand::default());
+    let mut points_m = vec![NOWHERE; world.points.len()];
+    world.points.place(&case.tool, (now, stand), (rest_m, rest_m), &mut points_m);
+    let sizes = world.points.table_sizes();
+    let mut words = vec![0; sizes.words()];
+    HashMut::in_words(&mut words, sizes).unwrap().build(&points_m, case.cell_m, Layout::Auto).unwrap();
+    let hash = HashRef::in_words(&words).unwrap();
+    let mut hits = vec![Hit::default(); max_hits(world)];
+    let found = intersect_brute(&points_m, &world.points.view(rest_m), &tissue(world, rest_m), &mut hits).unwrap();
+    let still = vec![[0.0; 3]; rest_m.len()];
+    let passage = Passage { hash: &hash, velocities_m_s: &still, dt_s: SINCE_S };
+    let (tip_m, orientation) = (now.position_m, now.orientation);
+    let back = std::array::from_fn(|axis| case.pivot_m[axis] - tip_m[axis]);
+    let tool = ToolMotion { points_m: &points_m, before: (before, stand), since_s: SINCE_S, tip_m, back, orientation };
+    let mut contacts = Contacts::new(world);
+    let mut memory = vec![Memory::default(); world.points.tool];
+    contacts.meet(world, &hits[..found.count], (&tool, &passage), rest_m, &mut memory).unwrap();
+    let each = contacts.forces.iter().zip(&contacts.springs);
+    each.map(|(force, spring)| {
+        assert_eq!(force.place_m, points_m[force.point as usize]);
+        (Vec3::from(force.place_m), Vec3::from(spring.velocity_m_s))
+    })
+    .collect()
+}
+
+#[test]
+fn the_points_of_a_tool_that_turns_about_its_pivot_go_the_faster_the_farther_they_are_from_it() {
+    let world = world();
+    let [before, now] = [PITCH_RAD - 1e-3, PITCH_RAD].map(|pitch_rad| pose(&world, pitch_rad, 0.0));
+    let (pivot, tip) = (Vec3::from(world.case.pivot_m), Vec3::from(now.position_m));
+    let of_tip = (tip - Vec3::from(before.position_m)) / SINCE_S;
+    let (axis, across) = ((tip - pivot).normalize(), of_tip.normalize());
+    assert!((of_tip.length() / (1e-3 * INSERTION_M / SINCE_S) - 1.0).abs() < 0.01, "{of_tip}");
+    let mut near = 0;
+    let contacts = met(&world, [&before, &now]);
+    for (place, velocity) in &contacts {
+        let share = (*place - pivot).dot(axis) / INSERTION_M;
+        let wanted_m_s = share * of_tip.length();
+        assert!((velocity.dot(across) - wanted_m_s).abs() < 0.01 * of_tip.length(), "{share}: {velocity}, not {wanted_m_s} m/s");
+        near += usize::from(share < 0.5);
+    }
+    assert!(contacts.len() > 100 && near > 10, "{near} of {} contacts are in the half at the pivot", contacts.len());
+}
+
+#[test]
+fn the_points_of_a_tool_that_rolls_on_the_spot_go_around_its_axis() {
+    const ROLL_RAD: f32 = 2e-3;
+    let world = world();
+    let [before, now] = [0.0, ROLL_RAD].map(|roll_rad| pose(&world, PITCH_RAD, roll_rad));
+    let (pivot, tip) = (Vec3::from(world.case.pivot_m), Vec3::from(now.position_m));
+    assert!(tip.distance(before.position_m.into()) < 1e-7, "the tip stays");
+    let (axis, turns_rad_s) = ((tip - pivot).normalize(), ROLL_RAD / SINCE_S);
+    let contacts = met(&world, [&before, &now]);
+    let mut fastest_m_s = 0.0f32;
+    for (place, velocity) in &contacts {
+        let wanted = turns_rad_s * axis.cross(*place - pivot);
+        assert!(velocity.distance(wanted) < 1e-4, "{velocity}, not {wanted} m/s");
+        fastest_m_s = fastest_m_s.max(velocity.length());
+    }
+    // The instrument's radius is 2.5 mm.
+    assert!(contacts.len() > 100 && (fastest_m_s - 2.5e-3).abs() < 1e-4, "{} contacts, {fastest_m_s} m/s", contacts.len());
+}
+
+#[test]
+fn what_jumps_has_no_velocity_and_what_was_nowhere_neither() {
+    let world = world();
+    let now = pose(&world, PITCH_RAD, 0.0);
+    let far = Pose { position_m: now.position_m.map(|part| part + 0.03), ..now };
+    let contacts = met(&world, [&far, &now]);
+    assert!(contacts.len() > 100 && contacts.iter().all(|(_, velocity)| *velocity == Vec3::ZERO));
+    let through = |from_m: [f32; 3]| crate::through::velocity_m_s(from_m, [0.001, 0.0, 0.0], SINCE_S);
+    assert_eq!([through(NOWHERE), through([f32::NAN; 3]), through([0.0; 3])], [[0.0; 3], [0.0; 3], [0.5, 0.0, 0.0]]);
+}
+
+#[test]
+fn buffers_that_were_another_worlds_have_the_sizes_of_new_ones() {
+    let scene = hyst_scene::load_embedded().unwrap();
+    let (mut workshop, whole) = Workshop::open(&scene, Isa::detect()).unwrap();
+    let without_polyp = workshop.make(whole.body.without(1)).unwrap();
+    let sizes = |contacts: &Contacts| {
+        let Contacts { memory, found, node_force_n, gaps, tool_table, .. } = contacts;
+        [memory.len(), found.len(), node_force_n.len(), gaps.len(), tool_table.len()]
+    };
+    let mut contacts = Contacts::new(&whole);
+    for world in [&without_polyp, &whole] {
+        contacts.fit(world);
+        assert_eq!(sizes(&contacts), sizes(&Contacts::new(world)));
+    }
+    assert_ne!(sizes(&contacts), sizes(&Contacts::new(&without_polyp)));
+}

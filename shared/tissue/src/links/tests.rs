@@ -1,0 +1,58 @@
+//! Promise of a contact at one moment: it never pulls, and rubs against the sliding with its share of what it pushes with at most.
+
+use super::*;
+
+const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.3, slip_m_s: 0.01, most_n: 5.0 };
+/// A contact that no damping which integration forbids holds back.
+const READY: Ready = Ready { stiffness_n_m: 800.0, most_n_s_m: 1e3, is_softened: false };
+
+/// Numbers from −1 to 1 that depend on `seed` alone (splitmix64).
+fn noise(seed: u64) -> impl FnMut() -> f32 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// A vector along a unit vector, and what of it is across.
+fn parts(vector: [f32; 3], unit: [f32; 3]) -> (f32, [f32; 3]) {
+    let along = dot(vector, unit);
+    (along, [0, 1, 2].map(|axis| vector[axis] - along * unit[axis]))
+}
+
+#[test]
+fn a_contact_never_pulls_and_its_friction_is_at_most_its_share_of_the_push_and_against_the_sliding() {
+    let mut random = noise(5);
+    let (mut full, mut gone) = (0, 0);
+    for _ in 0..2_000 {
+        let direction = [random(), random(), random()];
+        let length = dot(direction, direction).sqrt();
+        let (normal, depth_m) = (direction.map(|part| part / length), 1e-3 * (1.0 + random()));
+        // From nearly at rest to a few metres a second.
+        let speed_m_s = 10.0f32.powf(1.5 * random() - 1.0);
+        let apart_m_s = [random(), random(), random()].map(|part| speed_m_s * part);
+        let told = push(&LAW, &normal, &READY, depth_m, apart_m_s);
+        let ((pushed_n, rubbed_n), (_, slip_m_s)) = (parts(told.force_n, normal), parts(apart_m_s, normal));
+        let (friction_n, slides_m_s) = (dot(rubbed_n, rubbed_n).sqrt(), dot(slip_m_s, slip_m_s).sqrt());
+        assert!((-1e-5..=LAW.most_n + 1e-5).contains(&pushed_n), "{told:?} along {normal:?}");
+        assert!(friction_n <= LAW.friction * pushed_n.max(0.0) + 2e-5, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
+        assert!(dot(rubbed_n, slip_m_s) <= 1e-5 * slides_m_s, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
+        // Above the slip speed it is all of that.
+        if slides_m_s > LAW.slip_m_s {
+            assert!((friction_n - LAW.friction * pushed_n).abs() < 2e-5, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
+            full += 1;
+        }
+        gone += usize::from(pushed_n.abs() < 1e-5);
+    }
+    // Some were left so fast that nothing was left of them.
+    assert!(full > 500 && gone > 10, "{full} and {gone}");
+    assert_eq!(push(&LAW, &[0.0, 0.0, 1.0], &READY, 0.0, [0.1, 0.0, -3.0]), Push::default(), "what is not touched");
+}
