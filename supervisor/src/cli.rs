@@ -28,6 +28,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run a station in the foreground until Ctrl-C, `hystation stop`, the end of --for, or with --until-end that of the case.
+    #[command(after_help = codes::RUN)]
     Run(Box<RunArgs>),
     /// Show the processes of a running station.
     Status {
@@ -323,7 +324,7 @@ mod tests {
 
     #[test]
     fn what_the_exit_codes_of_a_verdict_mean_stands_in_the_help() {
-        for line in ["", "swap", "conformance", "fault inject", "fault campaign"] {
+        for line in ["", "run", "swap", "conformance", "fault inject", "fault campaign"] {
             let words = format!("hystation {line} --help");
             let help = Cli::try_parse_from(words.split_whitespace()).unwrap_err().to_string();
             let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped

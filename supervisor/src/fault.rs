@@ -1,8 +1,10 @@
 //! One fault: what is known of it, and its verdict.
 //!
 //! The window of a fault runs from its injection to the recovery (a successor is warm or live) and 20 ms beyond, at least 200 ms. The
-//! promise is judged as in the design: no more misses than in the control ([`compare`]), nothing wrong or stale applied, and no force step larger than a fault-free
-//! tick in the same state, contact or none, makes + 0.05 N. For the device itself: at most 20 misses, and no step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N.
+//! promise is judged as in the design: no more misses than in the control ([`compare`]), nothing wrong or stale applied, no force step larger than a fault-free
+//! tick in the same state, contact or none, makes + 0.05 N, and somebody back in the place of whoever is gone. For the device itself: at most 20 misses, and no
+//! step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N. A tick or two that one fault lost more than its control may be noise of the
+//! machine: what one fault alone breaks beyond doubt, [`Fault::gap`] and the report of a run say (`report::promises`).
 
 pub mod compare;
 
@@ -23,6 +25,9 @@ pub const AFTER_TICKS: u64 = 20;
 pub const STEP_MARGIN_N: f64 = 0.05;
 /// Misses that the death of the device itself may cost: 20 ms.
 pub const DEVICE_TICKS: u64 = 20;
+/// Ticks that any fault may cost once beyond what it is promised to: what the hardware holds and ramps a force for. More is no noise of the machine, unless its
+/// controls show as much.
+const MOST_LOST: u64 = 20;
 /// Largest step that the device's own death makes by design, N: the hardware's watchdog takes 3.3 N away in 20 ticks, and of the force that
 /// returns up to 0.2 N come at once, the rest by a rise (`HardwareParams`, `LastHopParams` of the coupling).
 const DEVICE_STEP_N: f64 = 0.2;
@@ -82,8 +87,11 @@ pub struct Fault {
     pub contained_us: Option<f64>,
     /// From the injection to a successor that is warm or live, or to the end of what it was asked to do, µs.
     pub recovered_us: Option<f64>,
-    /// See the module's text; `None` if it could not be judged.
+    /// See the module's text; `None` if it could not be judged, as where the run ended before it was over.
     pub promise_held: Option<bool>,
+    /// It was not over within the time that it had for that.
+    #[serde(default)]
+    pub overdue: bool,
     /// How the process ended.
     pub exit: String,
     /// It was a lie by this output alone.
@@ -167,6 +175,29 @@ impl Fault {
     /// Both servos at once: nobody is left who computes a force, and it fades.
     fn is_of_both_servos(&self) -> bool {
         self.together && self.is_of_servo()
+    }
+
+    /// Ticks that it may cost the hand beyond its control; `None` where nothing bounds them.
+    pub fn allowed_misses(&self) -> Option<u64> {
+        match () {
+            () if self.is_of_both_servos() => None,
+            () if self.target == Role::Device.name() => Some(DEVICE_TICKS),
+            () => Some(0),
+        }
+    }
+
+    /// Ticks that the hand lost in its window and right after it, if they are a broken promise by themselves: more beyond its control's than the hardware
+    /// bridges and it may cost, and than a window without a fault has lost at most.
+    pub fn gap(&self, allowed_misses: u64, most_missed: u64) -> Option<u64> {
+        let missed = |window: Option<Window>| window.map_or(0, |window| window.missed);
+        let lost = missed(self.window).saturating_add(missed(self.aftermath));
+        let most = most_missed.max(MOST_LOST.saturating_add(allowed_misses));
+        (lost.saturating_sub(missed(self.control)) > most).then_some(lost)
+    }
+
+    /// Whether its victim is gone, or was found hanging, and nobody was back in time. One that goes on doing what it was asked to is there.
+    pub fn is_not_back(&self) -> bool {
+        self.overdue && (self.dead || self.detected_us.is_some() && self.asked.is_none())
     }
 
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
@@ -286,15 +317,13 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
         let jerk = (0..2usize).filter_map(|at| Some((at, over_n(at)?))).max_by(|one, other| one.1.total_cmp(&other.1));
         let jerk = jerk.map(|(at, _)| at);
         fault.step = jerk.and_then(|at| seen.steps.into_iter().nth(at)).unwrap_or_default();
-        let most = match fault.may_be_felt() {
-            true if fault.is_of_both_servos() => i64::MAX,
-            true => DEVICE_TICKS as i64,
-            false => 0,
-        };
+        let most = fault.allowed_misses().map_or(i64::MAX, |misses| misses as i64);
         let (compares, is_spared) = (tells(&window) && tells(&control), excess(&window, &control) <= most);
         fault.late = if is_spared || !compares { Vec::new() } else { seen.late };
-        let has_harm = fault.recovered_us.is_none() || jerk.is_some() || window.wrong > 0;
-        fault.promise_held = if has_harm { Some(false) } else { compares.then_some(is_spared) };
+        let has_harm = jerk.is_some() || window.wrong > 0;
+        // Of one that was not over when the run ended nobody knows what it would have cost.
+        let is_open = fault.recovered_us.is_none() && is_spared;
+        fault.promise_held = if has_harm { Some(false) } else { compares.then_some(is_spared).filter(|_| !is_open) };
     }
     (fault.window, fault.control) = (Some(window), control);
 }

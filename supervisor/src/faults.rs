@@ -88,6 +88,13 @@ fn begin_ns(beat_ns: u64, seen_ns: u64) -> u64 {
     if beat_ns == 0 { seen_ns } else { beat_ns.clamp(oldest_ns, seen_ns) }
 }
 
+/// Whether a fault has had the time within which it is to recover.
+fn has_had_its_time(fault: &Fault, now_ns: u64) -> bool {
+    let give_up_ns = if fault.is(FaultKind::HangStart) { GIVE_UP_START_NS } else { GIVE_UP_NS };
+    let until_ns = fault.asked.map_or(0, |(until_ns, _)| until_ns);
+    now_ns.saturating_sub(fault.injected_ns.max(until_ns)) > give_up_ns
+}
+
 fn path(station: &Station, name: &str) -> PathBuf {
     station.root().join(name)
 }
@@ -162,6 +169,11 @@ impl Faults {
     fn tick_at(&self, ns: u64) -> u64 {
         let tick_of = |page: StationPage| if page.is_lockstep() { page.present_tick() } else { page.tick_at(ns) };
         self.station.open().map_or(0, tick_of)
+    }
+
+    /// Whether nothing takes as long as it does: no process is awaited by its time then.
+    fn is_on_a_virtual_clock(&self) -> bool {
+        self.station.open().is_ok_and(|page| page.is_lockstep())
     }
 
     fn start(&mut self, kind: &str, slot: Slot, incarnation: u32, injected_ns: u64) -> &mut Fault {
@@ -248,22 +260,26 @@ impl Faults {
                 fault.found_by(by, at_ns);
             }
             fault.starts_left = fault.starts_left.map(|left| left - 1);
-            if fault.starts_left == Some(0) {
+            let (kind, is_last) = (fault.kind.clone(), fault.starts_left == Some(0));
+            if is_last {
                 mischief::end(&self.page, slot);
             }
-            return self.keep_open();
+            return self.end_with(slot, incarnation, exit, at_ns, &kind);
         }
         let is_known = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, true);
         if let Some(fault) = self.open.faults.iter_mut().find(is_known) {
             fault.exit = exit.to_string(); // a newcomer's swap was undone for its death, which is told of after that
-            return self.keep_open();
+            let kind = fault.kind.clone();
+            return self.end_with(slot, incarnation, exit, at_ns, &kind);
         }
         if self.find(slot, incarnation).is_none() {
             self.find_by_death(slot, exit, at_ns);
             self.start(EXTERNAL, slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         self.suspects.remove(&(slot.number(), incarnation));
+        let mut of = String::new();
         if let Some(fault) = self.find(slot, incarnation) {
+            of.clone_from(&fault.kind);
             fault.dead = true;
             fault.exit = exit.to_string();
             // That it was killed is only the beginning of a fault that hinders its successors.
@@ -273,20 +289,7 @@ impl Faults {
                 fault.found_by(by, at_ns);
             }
         }
-        self.end_of_found(slot, incarnation, exit);
-        self.keep_open();
-    }
-
-    /// What a process was to be replaced for is over with it, too, whatever it died of in the end: a successor ends that.
-    fn end_of_found(&mut self, slot: Slot, incarnation: u32, exit: Exit) {
-        let of = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, false);
-        let is_found = |fault: &&mut Fault| {
-            let lasts = fault.asked.is_some_and(|(until_ns, _)| until_ns == 0);
-            lasts && fault.detected_us.is_some() && fault.recovered_us.is_none()
-        };
-        for fault in self.open.faults.iter_mut().filter(of).filter(is_found) {
-            (fault.dead, fault.exit) = (true, exit.to_string());
-        }
+        self.end_with(slot, incarnation, exit, at_ns, &of);
     }
 
     /// Reads the hardware's ledger and closes the faults whose windows are complete.
@@ -295,10 +298,7 @@ impl Faults {
             self.ledger.read(page);
         }
         self.close(false, |fault, is_through, has_waited| {
-            let give_up_ns = if fault.is(FaultKind::HangStart) { GIVE_UP_START_NS } else { GIVE_UP_NS };
-            let until_ns = fault.asked.map_or(0, |(until_ns, _)| until_ns);
-            let over = system::now_ns().saturating_sub(fault.injected_ns.max(until_ns)) > give_up_ns;
-            over || fault.recovered_us.is_some() && is_through && has_waited
+            has_had_its_time(fault, system::now_ns()) || fault.recovered_us.is_some() && is_through && has_waited
         });
     }
 
@@ -346,9 +346,14 @@ impl Faults {
                 fault.remains = Some(corrupt::remains(&std::mem::take(&mut fault.flips)));
             }
             spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
+            let is_late = fault.recovered_us.is_none() && has_had_its_time(&fault, system::now_ns());
+            fault.overdue = is_late && !self.is_on_a_virtual_clock();
             let seen = fault.seen.take().or_else(|| look(&fault, &self.ledger, &taken));
             if let Some(seen) = seen.clone() {
                 judge(&mut fault, seen, control);
+            }
+            if fault.is_not_back() {
+                fault.promise_held = Some(false); // whatever the ledger still knows
             }
             if self.append(&fault).is_err() && !is_end {
                 still_open.push(Fault { seen, ..fault });

@@ -362,6 +362,7 @@ impl Guardian {
         let left = count_leftovers(&station);
         report["leftovers"] = left.clone();
         self.printer.say(&faults);
+        report::broken(&report).iter().for_each(|line| self.printer.say(line));
         loss.iter().for_each(|loss| self.printer.say(loss));
         if let Some(file) = unbegun {
             self.printer.say(&format!("{} is removed: no recording was begun in it", file.display()));

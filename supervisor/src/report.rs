@@ -1,9 +1,10 @@
 //! The report of a run, as JSON whose keys stay what they are, and the statistics of its faults.
 //!
 //! The supervisor hands it over in a file in the station's root once a second and at the end; the guardian adds what is left over after
-//! everything has stopped, with the bounds of the excess, and writes it where the user wants it.
+//! everything has stopped, with the bounds of the excess and what promises were broken, and writes it where the user wants it.
 
 mod arms;
+mod promises;
 
 use crate::accounts::{Account, Accounts, Counters};
 use crate::fault::Fault;
@@ -18,16 +19,23 @@ use hyst_messages::{Role, Slot, percentile_ns};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
+/// The key under which stands what was broken.
+const BROKEN: &str = "promises_broken";
+/// Broken promises that are said one by one.
+const MOST_SAID: usize = 8;
+
 /// Leaves the report for the guardian.
 pub fn hand_over(station: &Station, report: &Value) {
     let _ = whole::write(&station.report(), report.to_string().as_bytes()); // tried again in a second
 }
 
-/// The report that the supervisor handed over last, with the bounds of the excess; an empty object if there is none.
+/// The report that the supervisor handed over last, with the bounds of the excess and what promises were broken; one of nothing if there is none.
 pub fn take(station: &Station) -> Value {
     let text = std::fs::read_to_string(station.report()).unwrap_or_default();
-    let mut report = serde_json::from_str(&text).unwrap_or_else(|_| json!({}));
+    let handed = serde_json::from_str::<Value>(&text).ok().filter(Value::is_object);
+    let mut report = handed.unwrap_or_else(|| json!({}));
     arms::bound_all(&mut report);
+    report[BROKEN] = json!(promises::broken(&report));
     report
 }
 
@@ -183,16 +191,17 @@ fn by_target(faults: &Faults) -> Value {
     Value::Object(groups.iter().map(|(name, group)| (name.clone(), row(group))).collect())
 }
 
-/// Whether the report shows a promise that is broken beyond doubt, or a force applied that must not be.
+/// Whether a report that was taken shows a promise that is broken beyond doubt, or a force applied that must not be.
 pub fn is_broken(report: &Value) -> bool {
-    let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
-    let faults: Vec<Fault> =
-        report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
-    let mut judged = faults.iter().filter(|fault| !fault.may_be_felt());
-    let arms = Arms::of(judged.clone());
-    // Nor did the ticks before that fault make such a step (`fault::judge`).
-    let jerks = arms.jerks() && judged.any(|fault| !fault.step.is_empty());
-    count("invalid_applied") > 0 || count("stale_applied") > 0 || arms.is_broken() || jerks
+    report[BROKEN].as_array().is_some_and(|all| !all.is_empty())
+}
+
+/// What was broken, in lines for people: the first of it, and how much more there is.
+pub fn broken(report: &Value) -> Vec<String> {
+    let all: Vec<&str> = report[BROKEN].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let more = all.len().saturating_sub(MOST_SAID);
+    let rest = (more > 0).then(|| format!("and {more} more, under {BROKEN} of the report"));
+    all.into_iter().take(MOST_SAID).map(|what| format!("a promise was broken: {what}")).chain(rest).collect()
 }
 
 /// One line for people.
@@ -305,26 +314,12 @@ fn copies(accounts: &Accounts, status: &Statuses) -> Value {
 mod tests {
     use super::*;
     use crate::faults::tests::{begin, book};
-    use crate::ledger::{Tick, Window};
+    use crate::ledger::Window;
     use hyst_exchange::{OwnedPage, Roster};
     use hyst_messages::{FluidStatus, TissueStatus};
 
     fn window(force_step_max_n: f64) -> Option<Window> {
         Some(Window { ticks: 200, force_step_max_n, ..Window::default() })
-    }
-
-    #[test]
-    fn only_a_step_that_the_ticks_before_it_did_not_make_breaks_the_promise() {
-        assert!(is_broken(&json!({ "invalid_applied": 1 })) && !is_broken(&json!({ "faults": [] })));
-        let stepping = |step_n, control_n, is_new: bool| {
-            let step = if is_new { vec![Tick::default()] } else { Vec::new() };
-            let fault =
-                Fault { target: "tissue:0".into(), window: window(step_n), control: window(control_n), step, ..Fault::default() };
-            is_broken(&json!({ "faults": [fault] }))
-        };
-        assert!(stepping(0.4, 0.1, true));
-        assert!(!stepping(0.14, 0.1, true), "within what is allowed");
-        assert!(!stepping(0.4, 0.1, false), "the ticks before it stepped as much");
     }
 
     /// A report of a station that ended in the midst of a swap had what the engines of before said: the guest, who had the role, was not asked.
@@ -369,7 +364,17 @@ mod tests {
             summary(&take(&station))
         };
         let lines = [said(&[fault.clone(), fault.clone()]), said(&[Fault { control: None, ..fault }])];
+        let taken = [json!({ "stale_applied": 0 }), json!({ "stale_applied": 3 }), json!([])].map(|handed| {
+            hand_over(&station, &handed);
+            let report = take(&station);
+            (is_broken(&report), broken(&report))
+        });
         station.wipe();
+        assert_eq!(taken[0], (false, vec![]));
+        assert_eq!(taken[1], (true, vec!["a promise was broken: 3 stale forces were applied".to_string()]));
+        assert_eq!(taken[2], taken[0], "what is no report says nothing");
+        let many = broken(&json!({ BROKEN: vec!["force"; MOST_SAID + 2] }));
+        assert_eq!((many.len(), many[MOST_SAID].as_str()), (MOST_SAID + 1, "and 2 more, under promises_broken of the report"));
         assert!(lines[0].contains("2 faults, 2 judged: 0 lost more ticks than their controls and 0 fewer"), "{lines:?}");
         assert!(lines[0].contains("per fault 0.000 (one-sided 95 % bound 0.779)"), "{lines:?}");
         assert!(lines[1].contains("1 fault, none of them judged"), "{lines:?}");

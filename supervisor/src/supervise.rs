@@ -337,7 +337,9 @@ impl Supervisor {
             self.sample(death.at_ns, slot, None);
             self.cleaner.ask(death.at_ns);
         }
-        if is_mourned && !is_urgent {
+        if is_dismissed && !is_urgent {
+            self.faults.dismissed(slot, incarnation, exit, death.at_ns);
+        } else if is_mourned && !is_urgent {
             self.mourn(slot, incarnation, exit, death, &words);
         }
         let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
@@ -346,7 +348,9 @@ impl Supervisor {
         if is_urgent && self.real_time {
             system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
         }
-        if is_mourned && is_urgent {
+        if is_dismissed && is_urgent {
+            self.faults.dismissed(slot, incarnation, exit, death.at_ns);
+        } else if is_mourned && is_urgent {
             self.mourn(slot, incarnation, exit, death, &words);
         }
     }

@@ -102,6 +102,31 @@ fn a_hanging_engine_is_found_by_its_heartbeat_and_replaced() {
     );
 }
 
+/// What was done to the one that a swap ended went on in the book for 40 s, as if nobody had come after it.
+#[test]
+fn a_fault_of_one_that_a_swap_asks_to_go_is_over_with_it() {
+    let place = Place::new("asked-to-go");
+    let report = place.report();
+    let child = place.start(&["--test-mode", "--report", report.to_str().unwrap()]);
+    let before = place.wait_ready();
+    assert!(place.call(&["fault", "inject", "leak-memory", "console"]).status.success());
+    let folder = place.folder.join("new");
+    std::fs::create_dir_all(&folder).unwrap();
+    let binary = folder.join("console");
+    std::fs::copy(std::fs::canonicalize(place.folder.join("console")).unwrap(), &binary).unwrap();
+    // It has no page to look at, for which it may go again: what it came for was ended all the same.
+    let swapped = place.call(&["swap", "console", binary.to_str().unwrap()]);
+    assert!(matches!(swapped.status.code(), Some(0 | 1)), "{}{}", text(&swapped.stdout), text(&swapped.stderr));
+    assert_ne!(pid_of(&place.wait_ready(), "console"), pid_of(&before, "console"));
+    assert!(place.call(&["stop"]).status.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let leak = report["faults"].as_array().unwrap().iter().find(|fault| fault["kind"] == "leak-memory").unwrap();
+    assert!(leak["target"] == "console" && leak["recovered_us"].is_number(), "{leak:#}");
+    assert_eq!(report["promises_broken"], serde_json::json!([]));
+}
+
 #[test]
 fn an_engine_that_refuses_the_scene_ends_the_run_with_its_words_and_code_2() {
     let place = Place::new("refuse");

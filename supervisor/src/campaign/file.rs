@@ -15,6 +15,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Share of faults that may cost more than their controls and what they may, where a file says no other limit.
+pub const DEFAULT_LIMIT: f64 = 0.05;
 /// Longest pause between two faults that may be asked for, ticks: a minute.
 const MOST_GAP_TICKS: u64 = 60_000;
 /// Shortest: a fault's window and a control window fit in between; what a fault may do later is waited for beyond it.
@@ -150,7 +152,7 @@ fn default_faults_per_station() -> usize {
 }
 
 fn default_limit() -> f64 {
-    0.05
+    DEFAULT_LIMIT
 }
 
 fn default_void() -> f64 {

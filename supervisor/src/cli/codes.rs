@@ -3,6 +3,11 @@
 /// Of this program.
 pub const ALL: &str = "Exit codes: 0 good; 1 failed, or a promise broken; 2 bad arguments or input, and nothing was done; 3 finished or interrupted, and \
                        something was lost or is not known.";
+/// Of `run`.
+pub const RUN: &str = "Exit codes: 0 good; 1 it failed, or a promise was broken beyond doubt: by a single fault, whoever did it (a hand that had no force for \
+                       longer than that fault may cost, a step of the force, a wrong force, nobody back in time), or by all of them together, and \
+                       the last lines say by which; 2 bad arguments or input, and nothing was done; 3 finished or interrupted, and data or a \
+                       process was lost.";
 /// Of `swap`.
 pub const SWAP: &str = "Exit codes: 0 the new engine has the role; 1 it was rolled back, or how it ended is not known; 2 it was refused, and nothing was \
                         disturbed; 3 this command was interrupted, and a swap that it has begun goes on.";

@@ -4,6 +4,8 @@ use crate::ledger::Window;
 
 /// Share of a window that may be void: where the host stalled for longer, what is left of it tells nothing of a fault, nor does a control of it.
 const MOST_VOID: f64 = 0.2;
+/// Fewest windows without a fault of which one in a hundred is left out.
+pub const MANY: usize = 100;
 
 /// Whether something can be said of the misses of a window: it has all its ticks, and nearly all of them count.
 pub fn tells(window: &Window) -> bool {
@@ -18,6 +20,14 @@ pub fn excess(window: &Window, control: &Window) -> i64 {
     ((beyond.abs() - 0.5).ceil().max(0.0) * beyond.signum()) as i64
 }
 
+/// Most ticks that one of these controls lost: what the host takes by itself is no fault's doing. Of many the hundredth part that lost most does not count, so
+/// that a single bad one does not excuse every fault.
+pub fn most_missed(controls: impl Iterator<Item = Window>) -> u64 {
+    let mut missed: Vec<u64> = controls.filter(tells).map(|control| control.missed).collect();
+    missed.sort_unstable();
+    missed.len().checked_sub(1 + missed.len() / MANY).and_then(|at| missed.get(at)).copied().unwrap_or(0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -30,6 +40,14 @@ mod tests {
     fn of_a_window_that_is_void_for_more_than_a_fifth_or_has_gaps_nothing_is_said() {
         assert_eq!([200, 160, 159, 101].map(|ticks| tells(&window(ticks, 0))), [true, true, false, false]);
         assert!(!tells(&Window { voided: 0, ..window(160, 0) }), "its last ticks are not in the ledger");
+    }
+
+    #[test]
+    fn the_worst_hundredth_of_many_controls_excuses_nothing_and_one_that_tells_nothing_neither() {
+        let most = |windows: &[Window]| most_missed(windows.iter().copied());
+        let few = [window(200, 1), window(200, 30), window(159, 90)];
+        let many: Vec<Window> = (0..100).map(|index| window(200, if index == 7 { 30 } else { 2 })).collect();
+        assert_eq!([most(&[]), most(&few), most(&many[..99]), most(&many)], [0, 30, 30, 2]);
     }
 
     #[test]

@@ -150,3 +150,17 @@ fn of_a_window_in_which_the_host_stalled_for_long_nothing_good_is_said() {
     };
     assert_eq!([held(40, 0), held(41, 0), held(41, 1)], [Some(true), None, Some(false)]);
 }
+
+/// A kill in the last moments of a run was told of as one after which nobody had come back.
+#[test]
+fn of_one_that_is_not_over_nothing_good_is_said_and_nothing_bad_but_what_it_has_done() {
+    let ledger = ledger_of(|_| [0.0; 3]);
+    let held = |missed, wrong| {
+        let mut fault = Fault { target: "fluid:0".into(), tick: 1_200, ..Fault::default() };
+        let mut seen = look(&fault, &ledger, &[]).unwrap();
+        (seen.window.missed, seen.window.wrong) = (missed, wrong);
+        judge(&mut fault, seen, Some(ledger.window(1_500, 1_700)));
+        fault.promise_held
+    };
+    assert_eq!([held(0, 0), held(1, 0), held(0, 1)], [None, Some(false), Some(false)]);
+}

@@ -3,8 +3,9 @@
 use super::{Faults, begin_ns};
 use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::{FaultKind, Keepers};
+use crate::journal;
 use crate::keepers::Suffered;
-use crate::policy::Cause;
+use crate::policy::{Cause, Exit};
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
 
@@ -64,8 +65,7 @@ impl Faults {
         let of = |fault: &&mut Fault| fault.incarnation == incarnation && fault.recovered_us.is_none();
         let speaks_of_it = cause.speaks_of_newcomer();
         for fault in self.open.faults.iter_mut().filter(of) {
-            let is_signal = fault.asked.is_none() && fault.starts_left.is_none();
-            fault.manifested |= is_signal || cause == Cause::Died && fault.starts_left.is_none();
+            fault.manifested |= is_done_with_its_signal(fault) || cause == Cause::Died && fault.starts_left.is_none();
             // Bytes that were flipped and files that cannot be opened end nobody who goes for another reason, and are over by themselves.
             let is_beside_it = [FaultKind::Corrupt, FaultKind::NoFiles].iter().any(|kind| fault.is(*kind));
             fault.dead |= speaks_of_it || !is_beside_it;
@@ -74,6 +74,41 @@ impl Faults {
             }
         }
         self.keep_open();
+    }
+
+    /// One was asked to go, for a swap, and is gone: it died of nothing that was done to it, and nobody has found anything out by that. What was done to it is
+    /// over as soon as whoever comes after it is ready.
+    pub fn dismissed(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64) {
+        self.suspects.remove(&(slot.number(), incarnation));
+        self.end_of_victim(slot, incarnation, exit, at_ns, "was asked to go");
+        self.keep_open();
+    }
+
+    /// One has died of a fault of this kind: whatever else was done to it is over with that, found by nobody who had not found it before.
+    pub(super) fn end_with(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, kind: &str) {
+        self.end_of_victim(slot, incarnation, exit, at_ns, &format!("died of {kind}"));
+        self.keep_open();
+    }
+
+    /// Nobody is left to whom something is done: that is over with its victim, which a successor ends.
+    fn end_of_victim(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, how: &str) {
+        let of = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, false);
+        for fault in self.open.faults.iter_mut().filter(of).filter(|fault| fault.recovered_us.is_none()) {
+            match FaultKind::from_name(&fault.kind) {
+                // Bytes stay as they are, and a file system stays full, whoever goes: each is over by itself.
+                Some(FaultKind::Corrupt | FaultKind::DiskFull | FaultKind::ShmFull) => continue,
+                // Nobody who can open no file dies of that: it is over now, as if its time were.
+                Some(FaultKind::NoFiles) => {
+                    let end_ns = |until_ns: u64| if until_ns == 0 { at_ns } else { until_ns.min(at_ns) };
+                    fault.asked = fault.asked.map(|(until_ns, done)| (end_ns(until_ns), done));
+                }
+                _ => {
+                    fault.manifested |= is_done_with_its_signal(fault);
+                    (fault.dead, fault.exit) = (true, exit.to_string());
+                }
+            }
+            journal::say(&self.station, &format!("fault {} of {slot} is over: it {how}", fault.kind));
+        }
     }
 
     /// The slot is given up on purpose: nobody is missed there, whether it died of its fault or was ended for it.
@@ -85,12 +120,17 @@ impl Faults {
     }
 }
 
+/// Whether nothing is left to come about once its signal was sent: it neither asks its victim for anything nor hinders those who come after it.
+fn is_done_with_its_signal(fault: &Fault) -> bool {
+    fault.asked.is_none() && fault.starts_left.is_none()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fault::Death;
     use crate::faults::tests::book;
-    use crate::policy::Exit;
+    use crate::view::Viewer;
 
     #[test]
     fn what_a_keeper_suffered_is_over_when_it_was_and_what_has_not_been_is_refused() {
@@ -141,6 +181,38 @@ mod tests {
         assert_eq!([&seen[..3], &seen[3..6]], [of_no_time; 2]);
         assert_eq!(seen[6..9], [(false, true, true), (true, true, true), (true, true, true)]);
         assert_eq!(seen[9], (true, true, true), "who died has done it");
+    }
+
+    /// A recorder that leaked was swapped, and its leak closed after 40 s as one that it had not recovered from.
+    #[test]
+    fn what_was_done_to_one_that_was_asked_to_go_is_over_with_it_and_found_by_nobody() {
+        let (station, mut faults) = book("dismissed");
+        let (slot, other) = (Slot::first(Role::Recorder), Slot::first(Role::Console));
+        let now_ns = system::now_ns();
+        let since_ns = now_ns - 1_000_000;
+        // Its signal was sent before it was asked to go, and its death is told of after that.
+        for (kind, slot, incarnation, until_ns) in [
+            ("leak-memory", slot, 7, Some(0)),
+            ("spin", slot, 7, Some(now_ns + 9_000_000_000)),
+            ("kill", slot, 7, None),
+            ("no-files", slot, 7, Some(now_ns + 9_000_000_000)),
+            ("leak-memory", slot, 6, Some(0)),
+            ("leak-memory", other, 7, Some(0)),
+        ] {
+            faults.start(kind, slot, incarnation, since_ns).asked = until_ns.map(|until_ns| (until_ns, 0));
+        }
+        faults.dismissed(slot, 7, Exit::Signal(9), now_ns);
+        let gone: Vec<_> = faults.all().map(|fault| (fault.dead, fault.manifested, fault.exit.is_empty())).collect();
+        let (nobodys, kept) = ((true, false, false), (false, false, true));
+        assert_eq!(gone, [nobodys, nobodys, (true, true, false), kept, kept, kept]);
+        faults.ready(slot, 8, now_ns + 1_000_000);
+        faults.tend(now_ns + 2_000_000_000, &mut Viewer::open(&station).unwrap());
+        let over: Vec<_> = faults.all().map(|fault| fault.recovered_us).collect();
+        let (with_the_next, with_it) = (Some(2_000.0), Some(1_000.0));
+        assert_eq!(over, [with_the_next, with_the_next, with_the_next, with_it, None, None]);
+        assert!(faults.all().all(|fault| fault.detected_us.is_none() && fault.kind != EXTERNAL), "nobody mourns it");
+        let said = std::fs::read_to_string(station.events()).unwrap();
+        assert!(said.contains("fault leak-memory of recorder is over: it was asked to go"), "{said}");
     }
 
     #[test]

@@ -17,7 +17,7 @@ use rustix::process::Signal;
 const AHEAD_TICKS: u64 = 12;
 /// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
 const SETTLE_NS: u64 = 20_000_000;
-/// The same of one that is gone, and not known to be dead of it.
+/// The same of one that is gone.
 const GONE_NS: u64 = 1_000_000_000;
 
 impl Faults {
@@ -99,7 +99,7 @@ impl Faults {
             {
                 fault.found_by(&by.to_string(), at_ns);
             }
-            // One that died of another fault does no wrong any more; of this one it is `dead` as soon as that is known.
+            // Who is gone does no wrong any more. As soon as that is known, most of what was done to it is over with whoever comes after it.
             let lives = present && !viewer.page().is_dead(slot);
             if until_ns != 0 && now_ns >= until_ns + if lives { SETTLE_NS } else { GONE_NS } {
                 fault.over_at(until_ns);

@@ -192,18 +192,61 @@ fn what_is_done_from_outside_is_not_found_by_lateness_and_is_by_an_end() {
     assert_eq!(found(&faults)[..2], [ended, died]);
 }
 
-/// One that leaked was found, and killed while it handed its role over: its leak went on in the book for 40 s after its successor was there.
+/// One that leaked was killed while it handed its role over: its leak went on in the book for 40 s after its successor was there. So did the spin of one that was
+/// killed before anybody had found it.
 #[test]
-fn what_was_found_of_a_process_is_over_with_it_whatever_it_dies_of_and_what_was_not_is_not() {
-    let (_station, mut faults) = book("found");
+fn whatever_was_done_to_a_process_is_over_with_it_and_the_newest_fault_alone_has_its_death() {
+    let (station, mut faults) = book("found");
     let slot = Slot::first(Role::Tissue);
-    for kind in ["leak-files", "leak-memory"] {
-        faults.start(kind, slot, 7, 1_000).asked = Some((0, 0));
+    for (kind, incarnation) in [("leak-files", 7), ("spin", 6), ("leak-memory", 7)] {
+        faults.start(kind, slot, incarnation, 1_000).asked = Some((0, 0));
     }
     faults.late(slot, 7, 2_000_000, 2_000_000, "growth");
     faults.start("kill", slot, 7, 3_000_000);
     faults.died(slot, 7, Exit::Signal(9), Death { at_ns: 3_001_000, open_ns: None, beat_ns: 2_999_000 });
     faults.ready(slot, 8, 9_000_000);
+    let of = |fault: &Fault| (fault.kind.clone(), fault.detected_by.clone(), fault.dead, fault.recovered_us.is_some());
+    let over: Vec<_> = faults.all().map(of).collect();
+    let expected = [
+        ("leak-files", "", true, true),
+        ("spin", "", false, false), // of another life
+        ("leak-memory", "growth", true, true),
+        ("kill", "pidfd", true, true),
+    ];
+    assert_eq!(over, expected.map(|(kind, by, dead, is_over)| (kind.to_string(), by.to_string(), dead, is_over)));
+    assert!(faults.all().all(|fault| fault.manifested != fault.detected_by.is_empty()), "what nobody saw has not come about");
+    let said = std::fs::read_to_string(station.events()).unwrap();
+    assert!(said.contains("fault leak-files of tissue:0 is over: it died of kill"), "{said}");
+}
+
+/// A successor that is hindered in its start dies of that, and a fault of its own was open for 40 s.
+#[test]
+fn what_was_done_to_a_successor_that_is_hindered_is_over_with_it_too() {
+    let (_station, mut faults) = book("hindered");
+    let slot = Slot::first(Role::Fluid);
+    let death = |at_ns: u64| Death { at_ns, open_ns: None, beat_ns: at_ns };
+    faults.start("crash-loop", slot, 7, 1_000).starts_left = Some(2);
+    faults.died(slot, 7, Exit::Signal(9), death(2_000));
+    faults.start("stop", slot, 8, 3_000);
+    faults.died(slot, 8, Exit::Code(1), death(4_000));
+    faults.ready(slot, 9, 9_000);
     let over: Vec<_> = faults.all().map(|fault| (fault.kind.as_str(), fault.dead, fault.recovered_us.is_some())).collect();
-    assert_eq!(over, [("leak-files", false, false), ("leak-memory", true, true), ("kill", true, true)]);
+    assert_eq!(over, [("crash-loop", true, true), ("stop", true, true)]);
+}
+
+/// A fault in the last moments of a run was held against it, and one of which nobody had come back in 40 s was not: the ledger had forgotten its window.
+#[test]
+fn one_that_is_not_over_breaks_its_promise_once_its_time_is_and_not_when_the_run_ends_before() {
+    let (_station, mut faults) = book("overdue");
+    let now_ns = system::now_ns();
+    let slot = Slot::first(Role::Recorder);
+    let of_minute_ns = now_ns.saturating_sub(60_000_000_000);
+    let of = [("kill", 1_000, None), ("kill", now_ns, None), ("kill", 1_000, Some(5.0)), ("hang-start", of_minute_ns, None)];
+    for (kind, injected_ns, recovered_us) in of {
+        let fault = faults.start(kind, slot, 7, injected_ns);
+        (fault.dead, fault.recovered_us) = (true, recovered_us);
+    }
+    faults.close_all();
+    let found: Vec<_> = faults.closed.iter().map(|fault| (fault.overdue, fault.promise_held)).collect();
+    assert_eq!(found, [(true, Some(false)), (false, None), (false, None), (false, None)]);
 }

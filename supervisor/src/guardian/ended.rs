@@ -16,7 +16,7 @@ pub(super) fn count_leftovers(station: &Station) -> serde_json::Value {
     serde_json::json!({ "processes": remains::living(station).len(), "shared_memory": left.len() - files, "files": files })
 }
 
-/// The exit code.
+/// The exit code: 1 if anything is left, or if a fault of the report broke a promise beyond doubt, 3 if something is lost.
 pub(super) fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan, is_data_lost: bool) -> u8 {
     let any_left = ["processes", "shared_memory", "files"].iter().any(|key| left[key].as_u64() != Some(0));
     let unreported = !plan.slots.is_empty() && report.get("processes").is_none();
@@ -58,6 +58,26 @@ fn page_of(station: &Station, role: Role) -> Option<ReadPage> {
 mod tests {
     use super::*;
     use hyst_engine::Settings;
+
+    #[test]
+    fn a_broken_promise_is_a_failure_whatever_was_lost_beside_it() {
+        let plan = Plan {
+            binaries: PathBuf::new(),
+            slots: vec!["device".into()],
+            swapped: std::collections::BTreeMap::new(),
+            state_bytes: 0,
+            end_tick: None,
+            faults: Vec::new(),
+        };
+        let nothing = serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 });
+        let code = |broken: &[&str], given_up: &[&str]| {
+            let report = serde_json::json!({ "processes": {}, "promises_broken": broken, "given_up": given_up });
+            judge(&report, &nothing, &plan, false)
+        };
+        assert_eq!([code(&[], &[]), code(&[], &["console"])], [0, 3]);
+        let one = ["fault kill of device at tick 9000: the hand lost 30 ticks, 0 at most without a fault"];
+        assert_eq!([code(&one, &[]), code(&one, &["console"])], [1, 1]);
+    }
 
     #[test]
     fn an_empty_file_goes_with_its_station_where_only_the_folder_was_named() {

@@ -8,7 +8,7 @@ use crate::campaign::draw::Plan;
 use crate::campaign::file::Arm;
 use crate::campaign::outcome::{Ending, Outcome};
 use crate::campaign::station::StationOutcome;
-use crate::fault::compare::tells;
+use crate::fault::compare::{MANY, most_missed};
 use crate::ledger::Window;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -246,9 +246,6 @@ impl Figures {
     }
 }
 
-/// Fewest control windows of which one in a hundred is left out.
-const MANY: usize = 100;
-
 /// The largest force steps of fault-free ticks in an arm, N, of those of its control windows that came while the tool touched nothing, and of those that came
 /// while it did: what is made at the wall excuses no kick in the open. Of many control windows with such steps the hundredth part that stepped most does not
 /// count, so that a single bad one does not excuse every fault. Where none has a step in the open, nobody knows better than all of them together.
@@ -274,12 +271,8 @@ pub(super) fn touches(window: Option<&Window>, outcome: &Outcome) -> bool {
     window.and_then(|window| window.contact).unwrap_or(outcome.before.contacts > 0)
 }
 
-/// Most ticks that a control window of an arm lost: what the host takes by itself is no fault's doing. Of many the hundredth part that lost most does not count,
-/// so that a single bad one does not excuse every fault.
+/// Most ticks that a control window of an arm lost.
 pub(super) fn most_missed_without(arm: &Arm, outcomes: &[Outcome]) -> u64 {
     let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name).filter_map(|outcome| outcome.fault.as_ref());
-    let controls = here.filter(|fault| !fault.control_early).filter_map(|fault| fault.control);
-    let mut missed: Vec<u64> = controls.filter(tells).map(|control| control.missed).collect();
-    missed.sort_unstable();
-    missed.len().checked_sub(1 + missed.len() / MANY).and_then(|at| missed.get(at)).copied().unwrap_or(0)
+    most_missed(here.filter(|fault| !fault.control_early).filter_map(|fault| fault.control))
 }

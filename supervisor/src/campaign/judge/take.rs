@@ -10,9 +10,6 @@ use crate::fault::compare::{excess, tells};
 use crate::ledger::Window;
 use hyst_messages::Role;
 
-/// Ticks that any fault may cost once: what the hardware holds and ramps a force for.
-const MOST_LOST: u64 = 20;
-
 /// What one fault says of the misses.
 pub(super) enum Taken {
     /// Nothing: it did not show, or could not be judged.
@@ -154,9 +151,7 @@ impl Figures {
     /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than the control windows lost,
     /// in its window and right after it, is a broken promise by itself.
     fn take_gap(&mut self, fault: &Fault, outcome: &Outcome, cell: &Cell, most_missed: u64) {
-        let missed = |window: Option<Window>| window.map_or(0, |window| window.missed);
-        let (lost, most) = (missed(fault.window) + missed(fault.aftermath), most_missed.max(MOST_LOST + cell.allowed_misses));
-        if lost.saturating_sub(missed(fault.control)) > most {
+        if let Some(lost) = fault.gap(cell.allowed_misses, most_missed) {
             self.reasons
                 .push(format!("fault {}: the hand lost {lost} ticks, {most_missed} at most without a fault", outcome.index));
         }
