@@ -17,6 +17,8 @@ use hyst_engine::Failure;
 const SWEPT_FROM_M: f32 = 1e-4;
 /// What came from farther away in a step has jumped and not moved, m: 20 m/s.
 const FARTHEST_M: f32 = 0.02;
+/// No hand is faster, m/s: what seems to be was told late, and would drag the tissue with a force that nobody felt.
+const FASTEST_M_S: f32 = 2.0;
 /// How much farther than a point can have come the face that it went in by is looked for, m: the face turns and stretches.
 const SLACK_M: f32 = 2.5e-4;
 
@@ -194,7 +196,7 @@ impl Through {
 /// How fast something goes that came from one place to another in some time, m/s: not at all, if it was nowhere before or has jumped.
 pub fn velocity_m_s(from_m: [f32; 3], to_m: [f32; 3], since_s: f32) -> [f32; 3] {
     let way = Vec3::from(to_m) - Vec3::from(from_m);
-    if way.length() <= FARTHEST_M { (way / since_s).to_array() } else { [0.0; 3] }
+    if way.length() <= FARTHEST_M { (way / since_s).clamp_length_max(FASTEST_M_S).to_array() } else { [0.0; 3] }
 }
 
 /// Whether a face is one that a point of the tool can meet from outside of the tissue: one that looks against the tool's own surface there.
