@@ -1,6 +1,7 @@
 //! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run. Nor is
 //! it to blame for steps that it missed, or for what could not be compared, while it was kept off its core.
 
+mod leaps;
 mod spent;
 
 use super::super::Supervisor;
@@ -10,6 +11,7 @@ use crate::proc::ThreadFiles;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
+pub(super) use leaps::Leaps;
 pub(super) use spent::{KEPT_OFF_FOR_LATE, Spent, Tenures};
 use spent::{KEPT_OFF_FOR_SLOW, LEAST_RATE};
 use std::collections::VecDeque;
@@ -118,14 +120,16 @@ impl Trial {
     }
 
     /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
-    /// one beside it spent tells what the steps cost anybody. Nor did one for which the electrode left no pause in which it could be tried.
+    /// one beside it spent tells what the steps cost anybody. So did one that could not be compared because it leapt over ticks that the machine took from it. Nor
+    /// did one have time for which the electrode left no pause in which it could be tried.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
         let old = self.old_engine();
         let got_no_time = match reason.cause {
             Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old),
             Cause::Missed | Cause::NotCompared => {
                 let spent = self.effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
-                spent.is_some_and(|spent| spent.is_kept_off(&old))
+                let is_kept_off = spent.is_some_and(|spent| spent.is_kept_off(&old));
+                is_kept_off || reason.cause == Cause::NotCompared && self.leaps.are_the_machines()
             }
             _ => false,
         };
