@@ -10,7 +10,6 @@ use hyst_engine::{Failure, StepContext};
 use hyst_flow::MAX_STEP_S;
 use hyst_messages::{Controls, HardwareSample, MAX_FLUID_STEP_TICKS, Pose, StreamHeader, TICK_NS};
 use hyst_scene::LoadedScene;
-use std::cell::Cell;
 
 /// Dry steps in which the flow comes up, and those of which the least counts; the first that is short enough ends the search.
 const WARM_UP: usize = 4;
@@ -46,15 +45,10 @@ pub fn is_step(scene_ticks: u64, ticks: u64) -> bool {
     steps(scene_ticks).any(|step| step == ticks)
 }
 
-/// Takes the step of a sound state, which is that of all that follow from it; one that founds a role was computed for no tick, and says none. False for a step
-/// that is longer than any: such a state is not to be gone on from.
-pub fn takes_step(step_ticks: &Cell<u64>, header: &StreamHeader) -> bool {
-    let ticks = u64::from(header.step_ticks);
-    let can_be = ticks <= LONGEST_STEP;
-    if can_be && ticks > 0 {
-        step_ticks.set(ticks);
-    }
-    can_be
+/// Whether a state with this header may be gone on from, as far as its step says, which is that of all that follow from it: none is longer than the longest.
+/// One that founds a role was computed for no tick, and says none.
+pub fn has_possible_step(header: &StreamHeader) -> bool {
+    u64::from(header.step_ticks) <= LONGEST_STEP
 }
 
 /// The time by which a step from a state with this header moves pump and flow, s: all that lies between the ticks of the two states, so that periods
@@ -173,13 +167,10 @@ mod tests {
     }
 
     #[test]
-    fn a_newcomer_takes_the_step_of_the_state_that_it_goes_on_from_and_refuses_one_that_no_fluid_makes() {
-        let step_ticks = Cell::new(33);
-        let after = |ticks: u32| {
-            let is_taken = takes_step(&step_ticks, &StreamHeader { step_ticks: ticks, ..StreamHeader::default() });
-            (is_taken, step_ticks.get())
-        };
-        assert_eq!([66, 0, u32::MAX, 33].map(after), [(true, 66), (true, 66), (false, 66), (true, 33)]);
+    fn a_step_that_is_longer_than_any_is_none_to_go_on_with() {
+        let is_possible = |ticks: u32| has_possible_step(&StreamHeader { step_ticks: ticks, ..StreamHeader::default() });
+        let longest = LONGEST_STEP as u32;
+        assert_eq!([66, 0, longest, longest + 1, u32::MAX].map(is_possible), [true, true, true, false, false]);
     }
 
     #[test]

@@ -247,6 +247,12 @@ impl Stateful for FlowEngine<'_> {
         self.step_ticks.get()
     }
 
+    fn take_step(&self, step_ticks: u64) {
+        if is_step(self.scene_ticks, step_ticks) && !self.life.is_lockstep() {
+            self.step_ticks.set(step_ticks);
+        }
+    }
+
     /// A step takes no more than 0.6 of a period ([`crate::afford`]), so that an ordinary process which waited for a core catches up soon. What it
     /// skips beyond that is in the step after it ([`moved_s`]).
     fn backlog(&self) -> u64 {
@@ -272,16 +278,11 @@ impl Stateful for FlowEngine<'_> {
         let sections = self.sections();
         let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
         // An engine in this one's place may know of no vessels.
-        let is_sound = (0..seals::SECTION).all(fits)
+        (0..seals::SECTION).all(fits)
             && seals::are_sane(&message)
             && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
             && message.record::<Head>(0).is_ok_and(|head| is_of(&head.status, message.header()))
-            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()));
-        let step_ticks = u64::from(message.header().step_ticks);
-        if is_sound && is_step(self.scene_ticks, step_ticks) && !self.life.is_lockstep() {
-            self.step_ticks.set(step_ticks);
-        }
-        is_sound
+            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()))
     }
 
     /// One of another grid has other sections.

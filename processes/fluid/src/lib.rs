@@ -18,7 +18,7 @@ mod status;
 mod tools;
 mod wounds;
 
-pub use afford::{moved_s, takes_step};
+pub use afford::{has_possible_step, moved_s};
 pub use bench::run as bench;
 pub use coarse::cells_of;
 pub use crew::broken;

@@ -124,17 +124,6 @@ impl<'a> MainLoop<'a> {
         core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 
-    /// Takes a sound state for one to go on from, and its step with it, if it is of its input.
-    fn takes(&self, message: &Message<'_>) -> bool {
-        if !self.is_of_its_input(message) {
-            return false;
-        }
-        if let step @ (1 | 2 | 4) = message.header().step_ticks {
-            self.step_ticks.set(step as u64);
-        }
-        true
-    }
-
     fn first_core(&self) -> Core {
         let (rest, case) = (&self.world.case.rest, &self.world.case);
         Core {
@@ -169,6 +158,12 @@ impl Stateful for MainLoop<'_> {
 
     fn step_ticks(&self) -> u64 {
         self.step_ticks.get()
+    }
+
+    fn take_step(&self, step_ticks: u64) {
+        if matches!(step_ticks, 1 | 2 | 4) {
+            self.step_ticks.set(step_ticks);
+        }
     }
 
     fn lengthen(&self) {
@@ -220,12 +215,12 @@ impl Stateful for MainLoop<'_> {
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        is_sound(&message, &self.world) && self.takes(&message)
+        is_sound(&message, &self.world) && self.is_of_its_input(&message)
     }
 
     fn accepts_own(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        is_sound_own(&message, &self.world) && self.takes(&message)
+        is_sound_own(&message, &self.world) && self.is_of_its_input(&message)
     }
 
     fn why_refused(&self, state: &[u8]) -> Refusal {

@@ -188,6 +188,17 @@ impl<S: Stateful> Loop<'_, S> {
         if let Some(refused) = counts.last {
             self.life.name_refused(&refused);
         }
+        if let Some(base) = self.chain.base() {
+            self.take_step(base.bytes());
+        }
+    }
+
+    /// Takes the step of a state that is gone on from.
+    fn take_step(&self, state: &[u8]) {
+        let step_ticks = Message::parse(state, self.engine.kind()).map_or(0, |state| state.header().step_ticks);
+        if step_ticks != 0 {
+            self.engine.take_step(u64::from(step_ticks));
+        }
     }
 
     fn context(&self, next_tick: u64, holding: bool, tenure: Tenure) -> StepContext {

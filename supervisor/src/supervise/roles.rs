@@ -63,6 +63,8 @@ impl Supervisor {
             self.holders.last[index] = tenure;
             if tenure.incarnation != last.incarnation {
                 self.note_tenure(role, tenure.incarnation, last.incarnation);
+            } else {
+                self.note_leaps(tenure.incarnation, u64::from(tenure.epoch.saturating_sub(last.epoch)));
             }
             let actions = policy::step(now_ns, Event::Holds { role, incarnation: tenure.incarnation }, &mut self.policy);
             self.act(actions);

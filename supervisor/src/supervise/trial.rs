@@ -13,7 +13,8 @@ use crate::journal;
 use crate::mischief::Charge;
 use crate::policy::{self, Action, Cause, Event, Left, Reason};
 use crate::swap::{AGREES, DONE, HAS_THE_ROLE, IN_PLACE, Record, first_slot, kept, line_of_step, role_of};
-use effort::{Effort, KEPT_OFF_FOR_LATE, Spent, Tenures};
+use effort::{Effort, KEPT_OFF_FOR_LATE, Leaps, Spent, Tenures};
+use forces::Forces;
 use hyst_exchange::system;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, Swap, device, rendering, station as layout};
@@ -23,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 /// How long a newcomer is compared at least before it may have the role, ns.
 const SHADOW_NS: u64 = 1_000_000_000;
-/// States that must have been compared by then: a third of a second of the slowest role. A holder that leaps over ticks leaves none to compare.
+/// States that must have agreed by then: a third of a second of the slowest role. A holder that leaps over ticks leaves none to compare.
 const LEAST_COMPARED: u64 = 10;
 /// The same on its probation. A judge that is hardly let run sees too little of what the hand does: an engine that felt nothing was promoted after 11.
 const LEAST_PROVEN: u64 = 30;
@@ -46,13 +47,12 @@ pub struct Trial {
     stage: Stage,
     since_ns: u64,
     judging: Judging,
-    /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role; and how many while it had it before a pause.
-    compared: (u64, u64),
+    /// Pairs of states that agreed, as the judge says, and how many of them before the newcomer had the role; and how many while it had it before a pause.
+    agreed: (u64, u64),
     proven: u64,
     /// It gives the role back because its state and that of the old engine have parted.
     has_parted: bool,
-    /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
-    forces: (u64, u64, u64),
+    forces: Forces,
     /// What is out of tolerance is that nothing came of it, and whether a thread of it waited for a disk, or for memory, then.
     silent: bool,
     at_disk: bool,
@@ -70,6 +70,7 @@ pub struct Trial {
     effort: Option<Effort>,
     beside: Option<Effort>,
     tenures: Tenures,
+    leaps: Leaps,
     /// When its rate was last looked at, ns; looks at which it was too slow.
     looked_ns: u64,
     slow: u32,
@@ -84,10 +85,10 @@ impl Trial {
             stage: Stage::None,
             since_ns: system::now_ns(),
             judging: Judging::default(),
-            compared: (0, 0),
+            agreed: (0, 0),
             proven: 0,
             has_parted: false,
-            forces: (0, 0, 0),
+            forces: Forces::default(),
             silent: false,
             at_disk: false,
             waits_ns: 0,
@@ -98,6 +99,7 @@ impl Trial {
             effort: None,
             beside: None,
             tenures: Tenures::default(),
+            leaps: Leaps::default(),
             looked_ns: 0,
             slow: 0,
         }
@@ -170,8 +172,8 @@ impl Supervisor {
                 let Some(trial) = &mut self.trial else { return };
                 trial.record.proven = true;
                 let binary = trial.record.binary.clone();
-                let compared = trial.compared_on_probation();
-                let pairs = if role.is_stateful() { format!(" ({compared} states compared)") } else { String::new() };
+                let agreed = trial.agreed_on_probation();
+                let pairs = if role.is_stateful() { format!(" ({agreed} states agreed)") } else { String::new() };
                 let in_touch = self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch);
                 let untried = if in_touch { "" } else { UNTOUCHED };
                 self.note_step(&format!("its probation is over: the role is its own{pairs}{untried}"));
@@ -218,9 +220,10 @@ impl Supervisor {
         let is_again = stage == Stage::Shadow && self.trial.as_ref().is_some_and(|trial| trial.stage == Stage::Trial);
         if let Some(trial) = &mut self.trial {
             trial.note_leader();
+            trial.forces.begin();
             trial.proven = match is_again {
                 true if std::mem::take(&mut trial.has_parted) => 0, // pairs that disagreed prove nothing
-                true => trial.compared_on_probation(),
+                true => trial.agreed_on_probation(),
                 false => trial.proven,
             };
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
@@ -273,11 +276,13 @@ impl Supervisor {
     pub(super) fn note_tenure(&mut self, role: Role, now: u32, before: u32) {
         if self.is_newcomer(now) {
             if let Some(trial) = &mut self.trial {
-                trial.compared.1 = trial.compared.0;
+                trial.agreed.1 = trial.agreed.0;
             }
             self.note_step(HAS_THE_ROLE);
             self.note_role(true);
+            self.note_hold(true);
         } else if self.is_newcomer(before) {
+            self.note_hold(false);
             match &mut self.trial {
                 Some(trial) if self.policy.swap().is_some_and(policy::Swap::is_given_back) => trial.tenures.give_back(),
                 _ => self.note_role(false),
@@ -293,7 +298,7 @@ impl Supervisor {
 
     /// What the readers of the newcomer's output say of it.
     pub(super) fn heed_newcomer(&mut self, charge: &Charge, is_grave: bool, now_ns: u64) {
-        // Who is not ready yet answers nobody; of those with a state the elders judge whether they are in time.
+        // Who is not ready yet answers nobody; of those with a state the elders and their leaps tell whether they are in time.
         let counts = |trial: &&Trial| trial.stage == Stage::Trial && !trial.role.is_stateful();
         let trial_ns = self.trial.as_ref().filter(counts).map_or(u64::MAX, |trial| trial.since_ns);
         let late = charge.is(Distrust::Missing)
@@ -324,9 +329,10 @@ impl Supervisor {
         self.note_touch(now_ns);
         self.note_current(now_ns);
         self.note_effort(now_ns);
-        // Of those with a state the elders judge whether they are in time.
-        if stage == Stage::Trial && !role.is_stateful() {
-            self.look_at_rate(now_ns);
+        match stage {
+            Stage::Trial if role.is_stateful() => self.look_at_leaps(now_ns),
+            Stage::Trial => self.look_at_rate(now_ns),
+            _ => {}
         }
     }
 

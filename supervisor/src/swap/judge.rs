@@ -26,18 +26,35 @@ const SHORT_STEP_TICKS: u32 = 4;
 
 /// Ticks for which nothing is compared after one side has leapt over some: the time that it lost is missing in its state, and a tissue that is
 /// moved takes some tens of ms to forget that. What floats in it does not.
-const FORGET_TICKS: u64 = 250;
+pub const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
 /// States in a row of a newcomer whose step is of another length than the old engine's, or whose mesh is another one than that which the old engine makes of
 /// the same state, after which it is said that there is nothing to compare.
 const MOST_UNLIKE: u32 = 30;
 
+/// Of so many pairs at least it is asked how many were out of tolerance.
+const LEAST_OF: u64 = 30;
+/// One pair of so many may be. A good newcomer has hardly any, for an input that was read at another moment: with one in ten it would have three in a row by
+/// chance before long, and good ones do not.
+const ONE_BAD_OF: u64 = 10;
+/// Fewer are a moment's.
+const FEW_BAD: u64 = 3;
+
+/// Whether of so many pairs in all too many were out of tolerance.
+pub fn are_too_many([bad, of]: [u64; 2]) -> bool {
+    bad >= FEW_BAD && of >= LEAST_OF && bad.saturating_mul(ONE_BAD_OF) > of
+}
+
 /// What the judge has seen so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seen {
     /// Pairs of states.
     pub compared: u64,
+    /// Those that were within tolerance.
+    pub good: u64,
+    /// Pairs that were out of tolerance, and pairs in all, since the newcomer has the role, or since it has it no more.
+    pub bad_of: [u64; 2],
     /// Pairs in a row, up to now, that were out of tolerance.
     pub outside: u64,
     /// Where the last pair was farthest apart, in parts of what is allowed.
@@ -46,6 +63,8 @@ pub struct Seen {
     pub worst: f64,
     /// The last one in words.
     pub text: String,
+    /// The last one that was out of tolerance.
+    pub flaw: String,
     /// Pairs in a row, up to now, of a newcomer that has the role, whose meshes are not the same: of those nothing is compared.
     pub apart: u32,
     /// One side has lost ticks since both went on from one state: what is out of tolerance then may be what floats, which nothing pulls back to where it was.
@@ -59,9 +78,16 @@ pub struct Seen {
 impl Seen {
     /// One more comparison: how far apart, in parts of what is allowed, and in words.
     pub fn note(&mut self, (ratio, text): (f64, String)) {
+        let is_good = ratio <= 1.0;
         self.compared += 1;
-        self.outside = if ratio <= 1.0 { 0 } else { self.outside + 1 };
+        self.good += u64::from(is_good);
+        self.outside = if is_good { 0 } else { self.outside + 1 };
         self.silent = false;
+        let [bad, of] = self.bad_of;
+        self.bad_of = [bad + u64::from(!is_good), of + 1];
+        if !is_good {
+            self.flaw.clone_from(&text);
+        }
         // JSON has no infinity.
         self.ratio = ratio.min(f64::MAX);
         self.worst = self.worst.max(self.ratio);
@@ -73,6 +99,20 @@ impl Seen {
         let is_silent = self.silent || self.outside == 0;
         self.note((f64::INFINITY, text));
         self.silent = is_silent;
+    }
+
+    /// The same of a pair, and whether it `counts` among those of now.
+    fn note_if(&mut self, counts: bool, found: (f64, String)) {
+        let before = self.bad_of;
+        self.note(found);
+        if !counts {
+            self.bad_of = before;
+        }
+    }
+
+    /// Whether too many pairs were out of tolerance, although not in a row.
+    pub fn has_too_many_bad(&self) -> bool {
+        are_too_many(self.bad_of)
     }
 }
 
@@ -92,6 +132,8 @@ struct Pairs {
     role: (u32, u64),
     line: u64,
     leapt: Option<u64>,
+    /// The newcomer wrote that state of the role.
+    leads: bool,
     /// One side has leapt since both went on from one state: in the shadow, or as the newcomer took the role.
     has_leapt: bool,
     /// The newest steps of the old engine and of the newcomer, ticks; states of that in a row by which they differed; whether both had a state of one tick.
@@ -138,7 +180,7 @@ impl Pairs {
                 (self.seen.outside, self.felt.outside) = (0, 0); // that was another line
             }
             match found {
-                Some(found) => self.note(found.map(said)),
+                Some(found) => self.note(in_shadow, found.map(said)),
                 None => self.note_apart(in_shadow),
             }
         }
@@ -190,7 +232,12 @@ impl Pairs {
                 // What an elder keeps beside the role begins anew after he has had it.
                 self.line = if is_guest { self.line } else { 0 };
                 let (epoch, tick) = self.role;
-                self.role = (epoch, tick).max((header.epoch, header.tick));
+                let key = (header.epoch, header.tick);
+                if key > self.role && is_guest != self.leads {
+                    // Both go on from one state then.
+                    (self.leads, self.seen.bad_of, self.felt.bad_of) = (is_guest, [0; 2], [0; 2]);
+                }
+                self.role = self.role.max(key);
                 is_guest && epoch != 0 && header.epoch > epoch && header.tick > tick.saturating_add(step)
             }
             (false, true) => {
@@ -219,9 +266,9 @@ impl Pairs {
         if let [Some(old), Some(new)] = pair
             && (old.epoch == SHADOW_EPOCH) != (new.epoch == SHADOW_EPOCH)
         {
-            let found = compare_models(old, new);
+            let (found, in_shadow) = (compare_models(old, new), new.epoch == SHADOW_EPOCH);
             self.models.remove(&model.state_tick);
-            self.felt.note(said(found));
+            self.felt.note_if(in_shadow != self.leads, said(found));
         }
         while self.models.len() > MOST_WAITING {
             self.models.pop_first();
@@ -232,13 +279,19 @@ impl Pairs {
     fn seen(&self) -> Seen {
         let (states, felt) = (&self.seen, &self.felt);
         let worse = if (felt.outside, felt.ratio) > (states.outside, states.ratio) { felt } else { states };
-        let compared = if self.has_models { states.compared.min(felt.compared) } else { states.compared };
-        Seen { compared, worst: states.worst.max(felt.worst), apart: self.apart[0], leapt: self.has_leapt, ..worse.clone() }
+        let of_both = |of: fn(&Seen) -> u64| if self.has_models { of(states).min(of(felt)) } else { of(states) };
+        let (compared, good) = (of_both(|seen| seen.compared), of_both(|seen| seen.good));
+        let mixed = if felt.has_too_many_bad() { felt } else { states };
+        let (bad_of, flaw) = (mixed.bad_of, mixed.flaw.clone());
+        let (worst, apart, leapt) = (states.worst.max(felt.worst), self.apart[0], self.has_leapt);
+        Seen { compared, good, bad_of, flaw, worst, apart, leapt, ..worse.clone() }
     }
 
-    fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
+    /// One more pair, of a newcomer that is in the shadow or has the role: of those of before that changed nothing follows for what it does now.
+    fn note(&mut self, in_shadow: bool, found: Result<(f64, String), hyst_messages::WireError>) {
         self.apart = [0; 2];
-        self.seen.note(found.unwrap_or_else(|error| (f64::INFINITY, error.to_string())));
+        let found = found.unwrap_or_else(|error| (f64::INFINITY, error.to_string()));
+        self.seen.note_if(in_shadow != self.leads, found);
     }
 }
 

@@ -30,11 +30,9 @@ impl Still<'_> {
     fn write(&self, header: StreamHeader, next: &mut [u8]) -> Result<(), Failure> {
         let [head, block, density, gas, ..] = MessageMut::format(next, Kind::FluidState, header, &self.sections())?.split();
         self.solver.store(block).map_err(broken)?;
-        let view = StateView::new(block).map_err(broken)?;
-        let density: &mut [f32] = bytemuck::cast_slice_mut(density);
-        density.iter_mut().zip(view.density()).for_each(|(out, value)| *out = *value);
+        let (view, grid) = (StateView::new(block).map_err(broken)?, &self.solver.model().grid);
+        bytemuck::cast_slice_mut::<u8, f32>(density).iter_mut().zip(view.density()).for_each(|(out, value)| *out = *value);
         gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
-        let grid = &self.solver.model().grid;
         let cells = grid.cells().map(|count| count as u32);
         let says = Head { status: self.status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, ..Head::default() };
         head.copy_from_slice(bytemuck::bytes_of(&says));
@@ -61,15 +59,17 @@ impl Stateful for Still<'_> {
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::FluidState) else { return false };
         let fits = |block: &[u8]| block.len() == self.solver.state_bytes() && StateView::new(block).is_ok();
-        message.section::<u8>(1).is_ok_and(fits) && fluid::takes_step(&self.step_ticks, message.header())
+        message.section::<u8>(1).is_ok_and(fits) && fluid::has_possible_step(message.header())
+    }
+    fn take_step(&self, step_ticks: u64) {
+        self.step_ticks.set(step_ticks);
     }
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let message = Message::parse(now, Kind::FluidState)?;
         self.solver.load(message.section(1)?).map_err(broken)?;
         let dt_s = fluid::moved_s(message.header(), context);
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        let still = FlowInputs { dt_s, ..FlowInputs::default() };
-        let inputs = sample.map_or(still, |sample| self.instrument.inputs(&sample, dt_s));
+        let inputs = sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
         let report = self.solver.step_serial(&inputs).map_err(broken)?;
         self.status = fluid::status_of(&report, &self.solver.counters().map_err(broken)?.0);
         (self.status.state_tick, self.status.on_scope_n) = (context.next_tick, self.instrument.felt_n(&inputs, &report));

@@ -14,14 +14,15 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 41] = [
+const BAD: [(&str, &str, &[&str], &str); 42] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
     ("tissue", "panic", DIES, ""),
     ("tissue", "exit", DIES, ""),
     ("tissue", "spin", STANDS, ""),
-    ("tissue", "slow", &["missed"], "its steps"),
+    ("tissue", "slow", &["missed", "slow"], "its steps"),
+    ("tissue", "sluggish", &["slow", "missed", "not-compared"], ""),
     ("tissue", "nan", &["refused", "out-of-tolerance"], ""),
     ("tissue", "off", &["out-of-tolerance", "refused"], ""),
     ("tissue", "numb", &["out-of-tolerance", "refused"], "contact force"),
@@ -29,7 +30,7 @@ const BAD: [(&str, &str, &[&str], &str); 41] = [
     ("tissue", "epoch", &["refused", "out-of-tolerance"], ""),
     ("tissue", "leak", &["unfit"], "it grows"),
     ("fluid", "stop", STANDS, ""),
-    ("fluid", "slow", &["missed"], "its steps"),
+    ("fluid", "slow", &["missed", "slow"], "its steps"),
     ("fluid", "garbage", &["refused", "out-of-tolerance"], ""),
     ("fluid", "off", &["out-of-tolerance"], ""),
     ("fluid", "frozen", &["refused", "out-of-tolerance"], ""),

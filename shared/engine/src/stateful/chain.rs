@@ -224,6 +224,11 @@ impl Chain {
         self.line.as_ref().filter(|_| self.guest != 0 && self.writer == self.guest)
     }
 
+    /// The state that this process goes on from: the newest one, or the line's as long as that is what the role goes back to.
+    pub fn base(&self) -> Option<&Held> {
+        self.returning().map(|line| &line.held).or(self.newest())
+    }
+
     /// Incarnation that wrote the newest state.
     pub fn writer(&self) -> u32 {
         self.writer

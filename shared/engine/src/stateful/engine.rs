@@ -40,8 +40,11 @@ pub trait Stateful {
     }
     /// Step in ticks.
     fn step_ticks(&self) -> u64;
+    /// Takes the step of the state that is gone on from, ticks, where one was computed for its tick. That of a newcomer on trial is none for those who had the
+    /// role before it: they go on from their own.
+    fn take_step(&self, _step_ticks: u64) {}
     /// Takes longer steps from now on, if there are any and nobody asked for these. Called before the first step of an epoch, in a role that has begun ever
-    /// new ones for seconds because its steps come too late; whoever follows has the step from the state.
+    /// new ones for seconds because its steps come too late, but not while a newcomer is on trial; whoever follows has the step from the state.
     fn lengthen(&self) {}
     /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost unless `step` goes by the ticks of both states.
     fn backlog(&self) -> u64 {

@@ -98,6 +98,9 @@ impl<S: Stateful> Loop<'_, S> {
         if damaged > 0 {
             self.life.say(&format!("{damaged} checkpoints are damaged and are not used"));
         }
+        if let Some((_, words)) = &kept {
+            self.take_step(hyst_messages::stream::bytes_of_words(words));
+        }
         // No earlier than anything that is out in the name of the role.
         let tick = self.life.tick() + if tenure.epoch > 1 { self.engine.step_ticks() } else { 0 };
         let kept_bytes = kept.as_ref().map_or(bytes, |(_, words)| 8 * words.len());

@@ -1,9 +1,12 @@
 //! How strained a role is: a machine that has become too slow for its steps makes the holder leap over ticks, each time into a new epoch, and leaves pictures
 //! and flow next to nothing. Where that lasts the steps become longer, at the beginning of an epoch, whose first state may follow from any.
 //!
-//! Promise: faults and stalls, which bring single epochs, and a busy moment do not count; a step that was lengthened is not shortened again in a session. How
-//! long it takes bounds what one of half the length would take by a factor of two, and a step of 1 ms takes 0.63 of that where all is well (docs/speed.md): what
-//! cannot be kept up with is nearer than that factor. Each try that fails costs a trainee seconds without pictures, and a session lasts minutes.
+//! Promise: faults and stalls, which bring single epochs, and a busy moment do not count, nor do the epochs of a newcomer on trial, which may be too slow by
+//! itself: it is to be found out, and not to be given more time. A step that was lengthened is not shortened again in a session. How long it takes bounds what
+//! one of half the length would take by a factor of two, and a step of 1 ms takes 0.63 of that where all is well (docs/speed.md): what cannot be kept up with is
+//! nearer than that factor. Each try that fails costs a trainee seconds without pictures, and a session lasts minutes.
+
+use hyst_messages::page::Swap;
 
 /// New epochs in a second from which on it counts as strained: a fortieth of its steps at 1 kHz is lost.
 const MANY: u32 = 25;
@@ -22,8 +25,13 @@ pub struct Strain {
 }
 
 impl Strain {
-    /// Takes that an epoch begins at a tick; gives whether the strain has lasted, and then begins to count anew.
-    pub fn is_lasting(&mut self, tick: u64, epoch: u32) -> bool {
+    /// Takes that an epoch begins at a tick, while a swap of the role is so far; gives whether the strain has lasted, and then begins to count anew. It also
+    /// does while a newcomer is on trial, or on its way out.
+    pub fn is_lasting(&mut self, tick: u64, epoch: u32, swap: Swap) -> bool {
+        if swap.keeps_line() {
+            *self = Strain::default();
+            return false;
+        }
         let second = tick / SECOND_TICKS;
         if second == self.second {
             return false;
@@ -43,13 +51,17 @@ impl Strain {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::page::Stage;
+
+    /// There is no swap.
+    const NONE: Swap = Swap { stage: Stage::None, guest: 0 };
 
     /// Seconds at which the strain was found to last, of epochs that begin every so many ticks between two seconds.
     fn found(every_ticks: usize, seconds: [u64; 2]) -> Vec<u64> {
         let (mut strain, mut epoch, mut found) = (Strain::default(), 0, Vec::new());
         for tick in (seconds[0] * SECOND_TICKS..seconds[1] * SECOND_TICKS).step_by(every_ticks) {
             epoch += 1;
-            if strain.is_lasting(tick, epoch) {
+            if strain.is_lasting(tick, epoch, NONE) {
                 found.push(tick / SECOND_TICKS);
             }
         }
@@ -76,9 +88,29 @@ mod tests {
             .step_by(10)
             .filter(|tick| {
                 epoch += 1;
-                strain.is_lasting(*tick, epoch)
+                strain.is_lasting(*tick, epoch, NONE)
             })
             .count();
         assert_eq!(lasts, 0);
+    }
+
+    /// A newcomer that was too slow for steps of 1 ms had the role's made longer after 6 s on trial, was in time then, and was promoted.
+    #[test]
+    fn epochs_of_a_newcomer_on_trial_lengthen_nothing_and_are_forgotten_after_it() {
+        let (mut strain, mut epoch) = (Strain::default(), 0);
+        let mut found_at = |stage: Stage, from_s: u64, to_s: u64| -> Vec<u64> {
+            let ticks = (from_s * SECOND_TICKS..to_s * SECOND_TICKS).step_by(7);
+            let lasting = ticks.filter(|tick| {
+                epoch += 1;
+                strain.is_lasting(*tick, epoch, Swap { stage, guest: 9 })
+            });
+            lasting.map(|tick| tick / SECOND_TICKS).collect()
+        };
+        for (stage, from_s) in [(Stage::Trial, 10), (Stage::Undone, 100)] {
+            assert!(found_at(stage, from_s, from_s + 60).is_empty(), "{stage:?}");
+            assert!(found_at(Stage::Settled, from_s + 60, from_s + 65).is_empty(), "{stage:?}: none of them counts");
+            assert_eq!(found_at(Stage::Settled, from_s + 65, from_s + 68), [from_s + 65], "of one that has passed they do");
+        }
+        assert_eq!(found_at(Stage::Shadow, 200, 208), [205], "and the role's own, while one is in the shadow");
     }
 }

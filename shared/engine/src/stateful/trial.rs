@@ -23,7 +23,8 @@ const SHADOW_EVERY: u64 = 4;
 const SHORT_STEP_TICKS: u64 = 4;
 /// Misses in a row after which an elder takes the role back, where the role is an ordinary process: on a busy machine everybody misses some, and a
 /// death is seen at once. A real-time guest is late or hangs as any holder does ([`most_misses`]): on two cores that a guest and an elder fill
-/// nobody is punctual for 2 s, and one that is slow is found by the supervisor, who compares what the two make in a second.
+/// nobody is punctual for 2 s. One that is a little too slow is in time again after each of its leaps: the supervisor counts those, and takes off what
+/// the machine explains.
 const MISSES_OF_ORDINARY: u32 = 10;
 /// Looks in a row at which the line has not grown, after which the other elder steps it although the one that did so lives. Longer than the
 /// ordinary thread that it is goes without a core: two that step it have no room on two cores. A role with a longer step looks once in each.

@@ -1,6 +1,7 @@
 //! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run. Nor is
 //! it to blame for steps that it missed, for what could not be compared, or for its silence, while it was kept off its core.
 
+mod leaps;
 mod spent;
 
 use super::super::Supervisor;
@@ -11,6 +12,7 @@ use crate::suspicion::Thread;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
+pub(super) use leaps::Leaps;
 pub(super) use spent::{KEPT_OFF_FOR_LATE, Spent, Tenures};
 use spent::{KEPT_OFF_FOR_SLOW, LEAST_RATE};
 use std::collections::VecDeque;
@@ -136,8 +138,9 @@ impl Trial {
     }
 
     /// Why it is not to blame. One that missed steps, left too little to compare or was silent got no time if it was kept off its core; what the one beside it
-    /// spent tells what the steps cost anybody. Nor did one that was silent while it waited for a disk, or one for which the electrode left no pause. Of a
-    /// device nothing can be compared before the hand has let go; one that it let go for as long as a probation lasts has left too little itself.
+    /// spent tells what the steps cost anybody. So did one that could not be compared because it leapt over ticks that the machine took from it. Nor did one that
+    /// was silent while it waited for a disk, or one for which the electrode left no pause. Of a device nothing can be compared before the hand has let go; one
+    /// that it let go for as long as a probation lasts has left too little itself.
     fn excuse(&self, cause: Cause) -> Option<&'static str> {
         let old = self.old_engine();
         let spent = self.effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
@@ -146,6 +149,7 @@ impl Trial {
         match cause {
             Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old).then_some(NO_TIME),
             Cause::Missed | Cause::NotCompared if is_kept_off => Some(NO_TIME),
+            Cause::NotCompared if self.leaps.are_the_machines() => Some(NO_TIME),
             Cause::NotCompared if self.current_ns != 0 => Some("the electrode cut meanwhile"),
             Cause::NotCompared if waits => Some("the hand pressed all the while, and it may push only once that has let go"),
             Cause::OutOfTolerance if self.silent && is_kept_off => Some(NO_TIME),

@@ -251,10 +251,10 @@ mod tests {
     #[test]
     fn what_a_judge_that_has_ended_had_compared_since_the_newcomer_has_the_role_proves_nothing() {
         let mut trial = Trial::begin(record(), Role::Fluid, Spent::default());
-        (trial.proven, trial.compared) = (5, (40, 12));
-        assert_eq!(trial.compared_on_probation(), 33);
+        (trial.proven, trial.agreed) = (5, (40, 12));
+        assert_eq!(trial.agreed_on_probation(), 33);
         trial.forget_compared();
-        assert_eq!(trial.compared_on_probation(), 5, "what it was compared in before a pause stays");
+        assert_eq!(trial.agreed_on_probation(), 5, "what it was compared in before a pause stays");
     }
 
     /// Where no thread could be had for its lines, its process was left for as long as the supervisor lived.

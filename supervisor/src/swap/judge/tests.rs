@@ -226,3 +226,45 @@ fn in_the_shadow_one_mesh_that_is_another_tells_nothing_and_one_after_the_other_
     let never = seen_of(|_| false);
     assert!(never.outside >= 3 && never.text.starts_with("the mesh that it makes"), "{never:?}");
 }
+
+/// In the shadow it was good for a minute, beside which the two seconds for which it had the role were a small share.
+#[test]
+fn pairs_out_of_tolerance_are_counted_of_those_since_the_newcomer_has_the_role_or_has_it_no_more() {
+    let mut pairs = Pairs::default();
+    let mut after = |epochs: [u32; 2], tick: u64, is_bad: bool| {
+        pairs.take(Kind::FluidState, &state(epochs[0], 6, tick, 9_000.0), 17);
+        pairs.take(Kind::FluidState, &state(epochs[1], 17, tick, if is_bad { 12_000.0 } else { 9_000.0 }), 17);
+        let Seen { compared, good, bad_of, .. } = pairs.seen();
+        (compared, good, bad_of)
+    };
+    for turn in 1..=60 {
+        assert_eq!(after([4, SHADOW_EPOCH], 33 * turn, turn == 1).2, [1, turn]);
+    }
+    for turn in 1..=30u64 {
+        let bad = turn - turn / 3;
+        assert_eq!(after([SHADOW_EPOCH, 5], 33 * (60 + turn), turn % 3 != 0), (60 + turn, 59 + turn / 3, [bad, turn]));
+    }
+    // One of the old engine's that comes late, and the newcomer's of that tick: both of the time before.
+    pairs.take(Kind::FluidState, &state(5, 17, 33 * 91, 12_000.0), 17);
+    assert!(pairs.seen().has_too_many_bad() && pairs.seen().flaw.starts_with("pressure differ by 3.000e3 Pa"));
+    pairs.take(Kind::FluidState, &state(6, 6, 33 * 92, 9_000.0), 17);
+    assert_eq!(pairs.seen().bad_of, [0, 0], "it has the role no more");
+    pairs.take(Kind::FluidState, &state(SHADOW_EPOCH, 6, 33 * 91, 9_000.0), 17);
+    assert_eq!((pairs.seen().compared, pairs.seen().good, pairs.seen().bad_of), (91, 69, [0, 0]));
+    pairs.take(Kind::FluidState, &state(SHADOW_EPOCH, 17, 33 * 92, 9_000.0), 17);
+    assert_eq!(pairs.seen().bad_of, [0, 1]);
+}
+
+#[test]
+fn contact_models_that_are_out_of_tolerance_now_and_then_are_too_many_beside_states_that_are_right() {
+    let mut pairs = Pairs { has_models: true, ..Pairs::default() };
+    let mut seen = Seen::default();
+    for turn in 1..=30 {
+        seen = after_a_pair(&mut pairs, 16 * turn, [SHADOW_EPOCH, 5], [1, 1], [1, u32::from(turn % 3 == 0)]);
+    }
+    assert!(seen.has_too_many_bad() && seen.flaw.starts_with("contact force differ by"), "{seen:?}");
+    assert_eq!((seen.compared, seen.good, seen.bad_of), (30, 10, [20, 30]));
+    let few = [[2, 29], [2, 1_000], [3, 30], [10, 100], [0, 0]];
+    assert!(few.into_iter().all(|bad_of| !are_too_many(bad_of)));
+    assert!([[4, 30], [3, 29], [11, 100]].map(are_too_many) == [true, false, true]);
+}

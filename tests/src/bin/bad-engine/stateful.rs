@@ -11,6 +11,8 @@ use rustix::process::Signal;
 
 /// What one that is late takes for every other step, in periods: beyond those that a fluid makes up for. And what a wasteful one allocates in each, bytes.
 const LATE_PERIODS: u64 = 5;
+/// What each step of one that is a little too slow takes, in hundredths of a period: it leaps over a tick now and then, and is in time again.
+const SLUGGISH_PERCENT: u64 = 130;
 const WASTE_BYTES: usize = 4_096;
 
 /// The real engine with one defect.
@@ -105,6 +107,12 @@ impl<S: Stateful> Stateful for Bad<'_, S> {
     fn step_ticks(&self) -> u64 {
         self.engine.step_ticks()
     }
+    fn take_step(&self, step_ticks: u64) {
+        self.engine.take_step(step_ticks);
+    }
+    fn lengthen(&self) {
+        self.engine.lengthen();
+    }
     fn backlog(&self) -> u64 {
         self.engine.backlog()
     }
@@ -141,12 +149,17 @@ impl<S: Stateful> Stateful for Bad<'_, S> {
             self.shadowed += 1;
         }
         self.fail(context);
+        let begun_ns = system::now_ns();
         // It takes the role as if nothing had been before.
         let begins_anew = context.holding && self.held == 1 && self.kind == "anew";
         self.engine.step(context, if begins_anew { &self.kept } else { now }, next)?;
         self.spoil(next);
         if self.kind == "frozen" && self.held > AFTER {
             self.freeze(next);
+        }
+        let until_ns = begun_ns + SLUGGISH_PERCENT * context.step_ticks * TICK_NS / 100;
+        while self.kind == "sluggish" && self.held > AFTER && system::now_ns() < until_ns {
+            std::hint::spin_loop();
         }
         Ok(())
     }

@@ -156,3 +156,25 @@ fn a_state_beside_the_role_that_is_ahead_of_its_time_does_not_end_the_line() {
         assert_eq!(line_after(2, 4, BESIDE), (0, Some(3)), "the newcomer's own is the judge's");
     });
 }
+
+/// An elder took the step of a newcomer on trial, and kept it when it had the role back.
+#[test]
+fn who_had_the_role_goes_on_from_the_line_until_the_newcomer_has_passed() {
+    const BESIDE: u32 = hyst_messages::tolerance::SHADOW_EPOCH;
+    on_a_chain(1, |chain, inbox, writers| {
+        let mut base_after = |chain: &mut Chain, incarnation: u32, tick: u64, epoch: u32| {
+            send(&writers[incarnation as usize - 1], tick, epoch, incarnation);
+            let holder = Tenure { epoch: 2, incarnation: 2 };
+            chain.receive(KIND, inbox, fence(holder), |_, _| Ok(()), |_, _| {}, |_| true);
+            let header = *Message::parse(chain.base()?.bytes(), KIND).ok()?.header();
+            Some((header.incarnation, header.tick))
+        };
+        chain.expect_guest(2);
+        assert_eq!(base_after(chain, 1, 1, 1), Some((1, 1)));
+        assert_eq!(base_after(chain, 2, 5, 2), Some((1, 1)), "the newcomer's longer steps are its own");
+        assert_eq!(base_after(chain, 1, 2, BESIDE), Some((1, 2)));
+        assert_eq!(base_after(chain, 2, 9, 2), Some((1, 2)));
+        chain.end_line();
+        assert_eq!(base_after(chain, 2, 13, 2), Some((2, 13)), "it has passed");
+    });
+}

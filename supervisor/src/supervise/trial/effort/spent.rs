@@ -57,7 +57,8 @@ impl Spent {
         }
     }
 
-    fn and(&self, more: &Spent) -> Spent {
+    /// What was spent in both times.
+    pub(super) fn and(&self, more: &Spent) -> Spent {
         Spent {
             passed_ns: self.passed_ns + more.passed_ns,
             ran_ns: self.ran_ns + more.ran_ns,
@@ -67,7 +68,8 @@ impl Spent {
         }
     }
 
-    fn part(&self, time_ns: u64) -> f64 {
+    /// What part that is of the time that passed.
+    pub(super) fn part(&self, time_ns: u64) -> f64 {
         time_ns as f64 / self.passed_ns.max(1) as f64
     }
 
