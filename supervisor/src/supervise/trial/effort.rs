@@ -28,6 +28,8 @@ const RATE_NS: u64 = 900_000_000;
 const MOST_SLOW: u32 = 2;
 /// What is said of one that was kept off its core.
 const NO_TIME: &str = "the machine left it no time";
+/// What is said where the machine is too slow for the old engine, too.
+const TOO_SLOW: &str = "the old engine has no time to spare either";
 
 /// Reads the kernel's books of a process of a role: the thread that makes its steps tells how it does, but of a rendering most is done by the driver's.
 fn ran_and_waited_ns(files: &ThreadFiles, role: Role) -> Option<(u64, u64)> {
@@ -138,7 +140,7 @@ impl Trial {
     }
 
     /// Why it is not to blame. One that missed steps, left too little to compare or was silent got no time if it was kept off its core; what the one beside it
-    /// spent tells what the steps cost anybody. So did one that could not be compared because it leapt over ticks that the machine took from it. Nor did one that
+    /// spent tells what the steps cost anybody, and where that one had no time to spare nobody can be in time. So did one that could not be compared because it leapt over ticks that the machine took from it. Nor did one that
     /// was silent while it waited for a disk, or one for which the electrode left no pause. Of a device nothing can be compared before the hand has let go; one
     /// that it let go for as long as a probation lasts has left too little itself.
     fn excuse(&self, cause: Cause) -> Option<&'static str> {
@@ -147,6 +149,7 @@ impl Trial {
         let is_kept_off = spent.is_some_and(|spent| spent.is_kept_off(&old));
         let waits = self.waits_ns != 0 && system::now_ns().saturating_sub(self.waits_ns) < probation_ns(self.role);
         match cause {
+            Cause::Missed | Cause::NotCompared if old.is_full() => Some(TOO_SLOW),
             Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old).then_some(NO_TIME),
             Cause::Missed | Cause::NotCompared if is_kept_off => Some(NO_TIME),
             Cause::NotCompared if self.leaps.are_the_machines() => Some(NO_TIME),

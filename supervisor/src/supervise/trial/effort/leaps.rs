@@ -23,8 +23,6 @@ const LEAST_LEAPS: u64 = 3;
 const LOOK_NS: u64 = 900_000_000;
 /// Looks in a row at which there are too many, after which it is slow. Twice the time between two is less than a probation.
 const MOST_LOOKS: u32 = 2;
-/// An old engine that runs for more than this part of the time has too little to spare.
-const FULL: f64 = 0.8;
 
 /// How long a newcomer has the role between two looks, ns.
 fn look_ns(role: Role) -> u64 {
@@ -69,7 +67,7 @@ impl Leaps {
         let own = count.saturating_sub((spent.waited_ns + spent.stalled_ns) / leap_ns.max(1));
         (self.held_ns, self.all, self.own) = (self.held_ns + spent.passed_ns, self.all + count, self.own + own);
         // Without the kernel's books nobody knows what the machine took.
-        let is_known = spent.ran_ns > 0 && old.part(old.ran_ns.saturating_sub(old.stalled_ns)) <= FULL;
+        let is_known = spent.ran_ns > 0 && !old.is_full();
         let is_many = own >= LEAST_LEAPS && own * STEPS_OF_A_LEAP >= spent.steps;
         self.looks = if is_known && is_many { self.looks + 1 } else { 0 };
         if self.looks < MOST_LOOKS {

@@ -12,6 +12,8 @@ const BUSY: f64 = 0.1;
 const COSTLY: f64 = 3.0;
 /// One that slept for this part of the time, and yet made few steps, was not kept from them.
 const ASLEEP: f64 = 0.5;
+/// An old engine that runs, or is ready to, for more than this part of the time has too little to spare.
+const FULL: f64 = 0.8;
 /// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
 pub(super) const LEAST_RATE: f64 = 0.5;
 /// One that made so many steps in time whenever it had the role is not slow: it lost the role to a stall.
@@ -71,6 +73,11 @@ impl Spent {
     /// What part that is of the time that passed.
     pub(super) fn part(&self, time_ns: u64) -> f64 {
         time_ns as f64 / self.passed_ns.max(1) as f64
+    }
+
+    /// Of the old engine: whether the machine is too slow for it, too, so that nobody beside it can be in time.
+    pub(super) fn is_full(&self) -> bool {
+        self.part((self.ran_ns + self.waited_ns).saturating_sub(self.stalled_ns)) > FULL
     }
 
     /// Whether its steps are dear; `old` is what the old engine spent, nothing if that is not known.
@@ -164,6 +171,13 @@ mod tests {
         assert!(!spent(100, 60, 20).is_excused(&old, KEPT_OFF_FOR_LATE), "5 ms a step, on a core that others need");
         assert!(!spent(60, 140, 12).is_excused(&Spent::default(), KEPT_OFF_FOR_LATE), "of the old one nothing is known");
         assert_eq!((old.step_ns(), old.rate_hz()), (60e3, 1e3));
+    }
+
+    #[test]
+    fn an_old_engine_that_wants_nearly_all_of_a_core_has_nothing_to_spare() {
+        let wants = |ran_ms: u64, waited_ms: u64| spent(ran_ms, waited_ms, 200).is_full();
+        assert!(wants(180, 0) && wants(100, 70) && !wants(140, 10) && !Spent::default().is_full());
+        assert!(!Spent { stalled_ns: 60 * MS, ..spent(180, 0, 200) }.is_full(), "the host stood still meanwhile");
     }
 
     #[test]
