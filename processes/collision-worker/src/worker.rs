@@ -5,7 +5,7 @@
 //! room for as that, and the coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it
 //! would be laid to whoever found them.
 
-use hyst_contact::{Cull, Found, HITS_OF_A_POINT, HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
+use hyst_contact::{Cull, Found, HITS_OF_A_POINT, HashRef, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue, intersect};
 use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
@@ -20,8 +20,6 @@ use hyst_messages::stream::message_bytes;
 use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, TOO_MANY_HITS, job_hash, topology_is_sound};
 use std::sync::Arc;
 
-/// Most hits of one share, which are those of 4 096 points; one with more is answered with [`TOO_MANY_HITS`], and the coordinator computes it.
-const MAX_HITS: usize = 8192;
 /// Room for so many nodes of tissue from the start; with more it grows once.
 const USUAL_NODES: usize = 32_768;
 /// And so many tets.
@@ -76,7 +74,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 /// The same of one that tells only so many of the hits that it has found: for whoever tries what becomes of a worker that leaves some out.
 pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
-    let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>(), size_of::<u64>()]);
+    let bytes = message_bytes(&[MOST_HITS_OF_SHARE * size_of::<Hit>(), size_of::<u64>()]);
     let publisher = links.publisher(Role::CollisionWorker, life.incarnation, Kind::Contacts, bytes)?;
     let interests =
         [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
@@ -92,7 +90,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         sources: Default::default(),
         followed: None,
         cull: Cull::remembering(USUAL_NODES, USUAL_TETS, USUAL_NODES),
-        hits: vec![Hit::default(); MAX_HITS],
+        hits: vec![Hit::default(); MOST_HITS_OF_SHARE],
         tells,
         lies: Lies::new(life, bytes),
     };
@@ -346,7 +344,7 @@ mod tests {
     fn a_share_with_more_hits_than_there_is_room_for_is_told_as_that() {
         let told = |count, dropped| told(Found { count, dropped }, 100);
         assert_eq!([told(0, 0), told(200, 0)], [Ok(0), Ok(200)]);
-        assert_eq!([told(201, 0), told(MAX_HITS, 1), told(10, 1)], [Err(Nothing::TooMany); 3]);
+        assert_eq!([told(201, 0), told(MOST_HITS_OF_SHARE, 1), told(10, 1)], [Err(Nothing::TooMany); 3]);
     }
 
     #[test]

@@ -6,13 +6,17 @@ use crate::asking::Asking;
 use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
-use hyst_contact::{Cull, HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, has_all_of, intersect, merge};
+use hyst_contact::{
+    Cull, Found, HashMut, HashRef, HashSizes, Hit, Layout, MOST_HITS_OF_SHARE, Points, Share, Split, Tissue, are_true, has_all_of,
+    intersect, merge,
+};
 use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
 use hyst_exchange::{Links, Loan, Publisher, ReadPage, Subscriber, system};
 use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
+use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{Kind, MAX_WORKERS, MessageMut, Role, StreamHeader, job_hash};
 use std::sync::Arc;
@@ -234,7 +238,7 @@ impl Collision {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
         let (hash, count) = (HashRef::in_own_words(&self.own_hash).map_err(broken)?, self.shares.len());
-        let (mut done, was_shared, begun_ns) = (0u32, job.loan.is_some(), job.begun_ns);
+        let (mut done, mut said_full, was_shared, begun_ns) = (0u32, 0u32, job.loan.is_some(), job.begun_ns);
         if let Some(mut loan) = job.loan {
             self.lies.tell_message(life, Outlet::Job, loan.bytes_mut());
             loan.send()?;
@@ -266,7 +270,10 @@ impl Collision {
                         (self.counts[index], self.rows[index]) = (found, Row::default());
                         done |= 1 << index;
                     }
-                    Err(why) => self.rows[index].refuse(life, worker, why, world.version),
+                    Err(why) => {
+                        said_full |= u32::from(why == Refused::TooMany) << index;
+                        self.rows[index].refuse(life, worker, why, world.version);
+                    }
                 }
             }
             for index in members(outcome.missing & group & !resting) {
@@ -274,13 +281,7 @@ impl Collision {
             }
             self.missing += group.count_ones() - done.count_ones();
         }
-        for index in (0..count).filter(|index| done & (1 << index) == 0) {
-            let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
-            let (cull, hits) = (self.culls[index].of(world.version), &mut self.shares[index]);
-            let found = intersect(share, &hash, points, &tissue, cull, hits).map_err(broken)?;
-            self.counts[index] = found.count;
-            self.dropped = self.dropped.saturating_add(found.dropped as u32);
-        }
+        self.compute_missing(life, (done, said_full), (&hash, points, &tissue), world.version)?;
         let mut parts: [&[Hit]; MAX_WORKERS] = [&[]; MAX_WORKERS];
         for (part, (share, count)) in parts.iter_mut().zip(self.shares.iter().zip(&self.counts)) {
             *part = &share[..*count];
@@ -289,6 +290,29 @@ impl Collision {
         (self.found, self.dropped) = (merged.count, self.dropped.saturating_add(merged.dropped as u32));
         if context.holding {
             self.asking.note(was_shared, system::now_ns().saturating_sub(begun_ns));
+        }
+        Ok(())
+    }
+
+    /// Computes the shares that no worker has done. One that said falsely that a share has more hits than it can tell is of no use.
+    fn compute_missing(
+        &mut self,
+        life: &Life,
+        (done, said_full): (u32, u32),
+        (hash, points, tissue): (&HashRef<'_>, &Points<'_>, &Tissue<'_>),
+        version: u32,
+    ) -> Result<(), Failure> {
+        let count = self.shares.len();
+        for index in (0..count).filter(|index| done & (1 << index) == 0) {
+            let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
+            let (cull, hits) = (self.culls[index].of(version), &mut self.shares[index]);
+            let found = intersect(share, hash, points, tissue, cull, hits).map_err(|error| Failure::Broken(error.to_string()))?;
+            if said_full & (1 << index) != 0 && !is_full(&found) {
+                life.page.add64(header::INVALID, 1);
+                life.distrust(self.coordinator.incarnation_at(index), Distrust::Invalid);
+            }
+            self.counts[index] = found.count;
+            self.dropped = self.dropped.saturating_add(found.dropped as u32);
         }
         Ok(())
     }
@@ -303,6 +327,11 @@ impl Collision {
     pub fn searches(&self) -> u64 {
         self.culls.iter().map(Cull::searches).sum()
     }
+}
+
+/// Whether a share has more hits than a worker tells.
+fn is_full(found: &Found) -> bool {
+    found.dropped > 0 || found.count > MOST_HITS_OF_SHARE
 }
 
 /// Which share a part is computed of beside its worker in this step, and the part's number in it.
@@ -328,4 +357,15 @@ fn release(coordinator: &mut ProcessCoordinator, life: &Life, group: Group) -> O
         lockstep::is_lost(&life.clock, page)
     };
     coordinator.release_unless(group & coordinator.ready(), now_ns + lockstep::PATIENCE_NS, &lost)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_is_full_where_a_worker_has_no_room_for_its_hits() {
+        let is = |count: usize, dropped: usize| is_full(&Found { count, dropped });
+        assert_eq!([is(0, 0), is(MOST_HITS_OF_SHARE, 0), is(MOST_HITS_OF_SHARE + 1, 0), is(10, 1)], [false, false, true, true]);
+    }
 }

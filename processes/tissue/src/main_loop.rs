@@ -285,11 +285,11 @@ impl Stateful for MainLoop<'_> {
 
         // Response: contacts as springs for the deformation, the fluid's pressure as forces or as a law.
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
-        let tool = hand.motion(world.case.pivot_m, &self.points_m, ((&before.pose, stood), dt_s));
+        let tool = hand.motion(world.case.pivot_m, &self.points_m, (&before.pose, stood, message.header().input_tick), dt_s);
         let passage = Passage { hash: &table, velocities_m_s: velocities, dt_s };
         self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
         let seen = if stands.looks { self.collision.hits() } else { &[] };
-        self.grasp.act(world, seen, ([&before.pose, &hand.pose], dt_s), next_grasp);
+        self.grasp.act(world, seen, ([&before.pose, &hand.pose], tool.since_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
         let pressure = medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();

@@ -13,7 +13,7 @@ const LEAST_M: f32 = 1e-4;
 /// away as one likes.
 const LEAST_SHARE: f32 = 0.05;
 /// And at most this: before a tip that has hardly come through the pivot it would be as stiff as one likes.
-const MOST_SHARE: f32 = 2.0;
+pub(crate) const MOST_SHARE: f32 = 2.0;
 /// What acts along the axis but beside it turns the instrument as if the tip were at least so far from the pivot, m: on a shorter lever it would be felt as
 /// large as one likes.
 const LEAST_BESIDE_M: f32 = 0.01;

@@ -55,6 +55,6 @@ pub use shallow::own_face;
 pub use sweep::{Crossing, Sense, SweepInput, first_crossing, sweep, triangles_in_box};
 pub use tet::TetTest;
 pub use topology::{NONE, Topology, TopologyMaker};
-pub use types::{Found, HITS_OF_A_POINT, Hit, OwnContact, Points, Share, Split, Tissue};
+pub use types::{Found, HITS_OF_A_POINT, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
 pub use walk::Exit;

@@ -11,13 +11,15 @@
 //! the servo's rate, before the tissue has answered.
 
 use crate::force::ContactForce;
-use crate::lever::Lever;
+use crate::lever::{Lever, MOST_SHARE};
 use crate::near::Gap;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// Most planes of a set.
 pub const MAX_PLANES: usize = 8;
+/// No plane is farther from the tip, m.
+const FARTHEST_M: f32 = 0.1;
 /// What is felt at the tip with less than this share of its force is not felt.
 const LEAST_FELT: f32 = 0.01;
 
@@ -116,7 +118,8 @@ fn shares(direction: Vec3) -> [f32; MAX_PLANES] {
 fn felt(lever: Option<Lever>, place_m: [f32; 3], direction: [f32; 3]) -> (Vec3, f32) {
     let direction = Vec3::from_array(direction);
     let Some(lever) = lever else { return (direction, 1.0) };
-    let felt = lever.felt(place_m, direction);
+    // What is far beside the axis would be felt as far away, or as stiff, as one likes.
+    let felt = lever.felt(place_m, direction).clamp_length_max(MOST_SHARE);
     let share = felt.length();
     (felt / share, share)
 }
@@ -196,8 +199,10 @@ fn approach(input: &PlaneInput<'_>, params: &PlaneParams, lever: Option<Lever>, 
 }
 
 impl PlaneSet {
-    /// Adds a plane that the tip is `depth_m` below, if there is room.
+    /// Adds a plane that the tip is `depth_m` below, if there is room. One that is farther away than there is any use for is put nearer, with the same force.
     fn push(&mut self, tip: Vec3, normal: Vec3, depth_m: f32, stiffness_n_m: f32, damping_n_s_m: f32) {
+        let nearer = (depth_m / FARTHEST_M).max(1.0);
+        let (depth_m, stiffness_n_m) = (depth_m.clamp(-FARTHEST_M, FARTHEST_M), stiffness_n_m * nearer);
         let plane =
             Plane { point_m: (tip + normal * depth_m).to_array(), normal: normal.to_array(), stiffness_n_m, damping_n_s_m };
         let finite = bytemuck::cast_ref::<Plane, [f32; 8]>(&plane).iter().all(|v| v.is_finite());

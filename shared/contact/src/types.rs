@@ -18,6 +18,8 @@ pub struct Hit {
 
 /// Most hits of a point that there is room for, in the mean of all of them: two objects in which it lies.
 pub const HITS_OF_A_POINT: usize = 2;
+/// Most hits of a share that a worker tells, which are those of 4 096 points: the coordinator computes one with more.
+pub const MOST_HITS_OF_SHARE: usize = 8192;
 
 /// How much a step wrote and how much did not fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

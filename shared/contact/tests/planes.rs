@@ -193,3 +193,26 @@ fn gaps_are_those_of_every_triangle_tried() {
     }
     assert!(near > 20);
 }
+
+/// Who reads a plane refuses all of them where one is farther away than there is any use for.
+#[test]
+fn a_plane_that_would_be_far_away_is_near_and_has_the_same_force() {
+    let one = ContactForce { owner: TOOL, direction: [0.0, 0.0, 1.0], normal_n: 1.0, stiffness_n_m: 0.5, ..ContactForce::default() };
+    let input = PlaneInput {
+        contacts: &[one],
+        gaps: &[],
+        points_m: &[],
+        owner: &[],
+        point_area_m2: &[],
+        tip_m: [0.0; 3],
+        pivot_m: None,
+        tool: TOOL,
+    };
+    let set = planes(&input, &PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3 });
+    assert!(set.count > 0, "there is none");
+    for plane in &set.planes[..set.count as usize] {
+        assert!(Vec3::from(plane.point_m).length() <= 0.1 + 1e-6, "{plane:?}");
+    }
+    let off_n = Vec3::from(set.force_n([0.0; 3])).distance(Vec3::Z);
+    assert!(off_n < 1e-4, "{off_n} N");
+}

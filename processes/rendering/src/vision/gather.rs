@@ -16,6 +16,8 @@ use rendering::{Arrow, RenderError};
 const FORCE_M_PER_N: f32 = 0.012;
 /// Length of the arrow of a plane of the contact model that the tip lies behind, and of one that it does not touch, m.
 const PLANE_M: [f32; 2] = [0.004, 0.0015];
+/// No plane is shown farther from the tip, m.
+const FARTHEST_PLANE_M: f32 = 0.005;
 
 /// What is said where lines of meshes are wanted and the device draws none.
 const NO_LINES: &str = "this device draws no lines of meshes";
@@ -30,8 +32,12 @@ fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
     let depth_m = |point_m: [f32; 3], normal: [f32; 3]| (0..3).map(|a| (point_m[a] - position_m[a]) * normal[a]).sum::<f32>();
     let count = (input.model.plane_count as usize).min(input.model.planes.len());
     let planes = input.model.planes[..count].iter().map(|plane| {
-        let length_m = PLANE_M[usize::from(depth_m(plane.point_m, plane.normal) <= 0.0)];
-        Arrow { from_m: plane.point_m, along_m: plane.normal.map(|part| part * length_m) }
+        // A wall that the shaft is at is as far from the tip as it lets the tip move.
+        let depth_m = depth_m(plane.point_m, plane.normal);
+        let shown_m = depth_m.clamp(-FARTHEST_PLANE_M, FARTHEST_PLANE_M);
+        let length_m = PLANE_M[usize::from(depth_m <= 0.0)];
+        let from_m = std::array::from_fn(|axis| position_m[axis] + plane.normal[axis] * shown_m);
+        Arrow { from_m, along_m: plane.normal.map(|part| part * length_m) }
     });
     let force = Arrow { from_m: position_m, along_m: input.applied_n.map(|part| part * FORCE_M_PER_N) };
     (planes.collect(), force)
@@ -298,9 +304,13 @@ mod tests {
         input.model.plane_count = 99; // of a writer that cannot count
         input.model.planes[0] = ContactPlane { point_m: [0.0, 0.0, 0.029], normal: [0.0, 0.0, -1.0], ..ContactPlane::default() };
         input.model.planes[1] = ContactPlane { point_m: [0.0, 0.0, 0.031], normal: [0.0, 0.0, -1.0], ..ContactPlane::default() };
+        input.model.planes[2] = ContactPlane { point_m: [0.0, 0.0, -0.37], normal: [0.0, 0.0, -1.0], ..ContactPlane::default() };
         let (planes, force) = arrows(&input);
         assert_eq!(planes.len(), input.model.planes.len());
         assert_eq!((planes[0].along_m[2], planes[1].along_m[2]), (-PLANE_M[0], -PLANE_M[1]));
+        let from_m: Vec<f32> = planes[..3].iter().map(|plane| plane.from_m[2]).collect();
+        let off_m = from_m.iter().zip([0.029, 0.031, 0.03 - FARTHEST_PLANE_M]).map(|(at, wanted)| (at - wanted).abs());
+        assert!(off_m.fold(0.0, f32::max) < 1e-6, "one that is far is shown near the tip: {from_m:?}");
         assert_eq!((force.from_m, force.along_m), ([0.0, 0.0, 0.03], [0.0, 0.5 * FORCE_M_PER_N, 0.0]));
     }
 }

@@ -95,6 +95,9 @@ fn what_jumps_has_no_velocity_and_what_was_nowhere_neither() {
     assert!(contacts.len() > 100 && contacts.iter().all(|(_, velocity)| *velocity == Vec3::ZERO));
     let through = |from_m: [f32; 3]| crate::through::velocity_m_s(from_m, [0.001, 0.0, 0.0], SINCE_S);
     assert_eq!([through(NOWHERE), through([f32::NAN; 3]), through([0.0; 3])], [[0.0; 3], [0.0; 3], [0.5, 0.0, 0.0]]);
+    let swift = crate::through::velocity_m_s([0.0; 3], [0.01, 0.0, 0.0], SINCE_S);
+    assert!((swift[0] - 2.0).abs() < 1e-6 && swift[1..] == [0.0; 2], "no hand is so fast: {swift:?}");
+    assert_eq!(crate::through::velocity_m_s([0.0; 3], [0.001, 0.0, 0.0], f32::INFINITY), [0.0; 3]);
 }
 
 #[test]

@@ -37,16 +37,17 @@ pub(super) struct Hand {
 }
 
 impl Hand {
-    /// The tool's points as they move from where they were some time ago, s; the way back is that to the pivot.
+    /// The tool's points as they move from where they were in the state that is read, which has used the input of a tick; the way back is that to the pivot.
     pub(super) fn motion<'a>(
         &self,
         pivot_m: [f32; 3],
         points_m: &'a [[f32; 3]],
-        (before, since_s): ((&'a Pose, Stand), f32),
+        (pose, stood, told_tick): (&'a Pose, Stand, u64),
+        dt_s: f32,
     ) -> ToolMotion<'a> {
-        let tip_m = self.pose.position_m;
+        let (tip_m, since_s) = (self.pose.position_m, since_s(told_tick, self.input_tick, dt_s));
         let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, before, since_s, tip_m, back, orientation: self.pose.orientation }
+        ToolMotion { points_m, before: (pose, stood), since_s, tip_m, back, orientation: self.pose.orientation }
     }
 
     /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.
@@ -98,6 +99,12 @@ pub(super) fn is_fit(record: &InputRecord) -> bool {
         && sample.velocity_m_s.iter().chain([&sample.controls.loop_extension_m]).all(|number| number.is_finite())
 }
 
+/// How long the instrument took from the input of one tick to that of another, s: at least a step of `dt_s`, and more where ticks were lost in between. From where
+/// nobody knows it came from it has not moved.
+fn since_s(told_tick: u64, input_tick: u64, dt_s: f32) -> f32 {
+    if told_tick == 0 { f32::INFINITY } else { dt_s.max(input_tick.saturating_sub(told_tick) as f32 * 1e-3) }
+}
+
 impl MainLoop<'_> {
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach; in a replay the one that was recorded.
     pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
@@ -142,5 +149,17 @@ impl MainLoop<'_> {
     /// The input for the step from a state.
     pub(super) fn input_of(&self, now: &[u8]) -> Option<InputRecord> {
         self.input(Message::parse(now, Kind::TissueState).ok()?.header().tick)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten lost ticks made a hand ten times as fast for a step.
+    #[test]
+    fn what_was_lost_between_two_inputs_is_no_speed_of_the_hand() {
+        let all = [(7, 8), (7, 17), (7, 7), (9, 7), (0, 8)].map(|(told, input)| since_s(told, input, 2e-3));
+        assert_eq!(all, [2e-3, 1e-2, 2e-3, 2e-3, f32::INFINITY]);
     }
 }

@@ -79,16 +79,19 @@ fn said_since(page: &ReadPage, last: u64) -> Vec<Said> {
 }
 
 impl Supervisor {
-    /// Notes whether there is something to feel, by the servos' word or the tissues': a newcomer that feels nothing is one of several.
+    /// Notes whether there is something to feel, by the servos' word or the tissues': a newcomer that feels nothing is one of several. Of what the hand feels the
+    /// servos' word alone counts: what presses on the shaft is hardly felt at the tip.
     pub(super) fn note_touch(&mut self, now_ns: u64) {
         if self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch) {
             return;
         }
-        let incarnation = match &self.trial {
-            Some(trial) if trial.stage == Stage::Trial => trial.record.incarnation,
+        let (incarnation, role) = match &self.trial {
+            Some(trial) if trial.stage == Stage::Trial => (trial.record.incarnation, trial.role),
             _ => return,
         };
-        let slots = [Role::Haptic, Role::Tissue].map(Role::slots).into_iter();
+        let asked: &[Role] =
+            if matches!(role, Role::Haptic | Role::Device) { &[Role::Haptic] } else { &[Role::Haptic, Role::Tissue] };
+        let slots = asked.iter().map(|role| role.slots());
         let is_felt = slots.flat_map(|(first, count)| first..first + count).filter_map(Slot::from_number).any(|slot| {
             let Some(page) = self.viewer.slot_page(slot) else { return false };
             let force_n = match slot.role() {
