@@ -15,6 +15,8 @@ const LEAST_SHARE: f64 = 0.3;
 const ALLOWED: f64 = 10.0;
 /// What one window alone may lose of a thousand ticks beyond its control: no host takes half of those that are not void.
 const MOST_OF_ONE: f64 = 500.0;
+/// Of a thousand ticks so many may be lost to stalls of the host beyond what is void, in a window by itself.
+const STALLS_OF_A_THOUSAND: f64 = 50.0;
 
 /// Ordinary processes that spin, ended when dropped.
 pub struct Spinners(Vec<Child>);
@@ -106,7 +108,9 @@ impl Pairs {
     /// Fails if what was done costs so many ticks each time, beyond doubt, or one time more than the host explains.
     pub fn judge_each(&self, what: &str, allowed: f64, least: usize, station: &Station) {
         let what = format!("{what}, ticks lost each time");
-        let promise = |counted: f64| Promise::of_ticks(allowed, least, 1e-3 * self.worst_control * counted);
+        // What the host takes grows with the window.
+        let most = |counted: f64| 1e-3 * self.worst_control.max(STALLS_OF_A_THOUSAND) * counted;
+        let promise = |counted: f64| Promise::of_ticks(allowed, least, most(counted));
         for (missed, counted) in self.missed.iter().zip(&self.counted) {
             promise(*counted).assert_one(&what, *missed, || station.said());
         }

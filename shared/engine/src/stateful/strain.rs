@@ -6,8 +6,6 @@
 //! one of half the length would take by a factor of two, and a step of 1 ms takes 0.63 of that where all is well (docs/speed.md): what cannot be kept up with is
 //! nearer than that factor. Each try that fails costs a trainee seconds without pictures, and a session lasts minutes.
 
-use hyst_messages::page::Swap;
-
 /// New epochs in a second from which on it counts as strained: a fortieth of its steps at 1 kHz is lost.
 const MANY: u32 = 25;
 /// So many seconds in a row must be strained.
@@ -22,18 +20,22 @@ pub struct Strain {
     second: u64,
     first_epoch: u32,
     strained_s: u32,
-    /// A newcomer was on trial when an epoch began last.
+    /// A newcomer was on trial since an epoch began last.
     is_paused: bool,
 }
 
 impl Strain {
-    /// Takes that an epoch begins at a tick, while a swap of the role is so far; gives whether the strain has lasted, and then begins to count anew. While a
-    /// newcomer is on trial, or on its way out, nothing is counted: what was before goes on after that, for one that has the role again and again in pauses
-    /// would keep a role that is strained without it from longer steps.
-    pub fn is_lasting(&mut self, tick: u64, epoch: u32, swap: Swap) -> bool {
+    /// A newcomer is on trial, or on its way out: it begins epochs, which count for nothing. What was before goes on after that, for one that has the role again
+    /// and again in pauses would keep a role that is strained without it from longer steps.
+    pub fn pause(&mut self) {
+        self.is_paused = true;
+    }
+
+    /// Takes that an epoch begins at a tick; gives whether the strain has lasted, and then begins to count anew.
+    pub fn is_lasting(&mut self, tick: u64, epoch: u32) -> bool {
         let second = tick / SECOND_TICKS;
-        if std::mem::replace(&mut self.is_paused, swap.keeps_line()) || self.is_paused {
-            // What is left of the second in which that ended is judged as a whole one.
+        if std::mem::take(&mut self.is_paused) {
+            // What is left of that second is judged as a whole one.
             (self.second, self.first_epoch) = (second, epoch);
             return false;
         }
@@ -55,17 +57,13 @@ impl Strain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::page::Stage;
-
-    /// There is no swap.
-    const NONE: Swap = Swap { stage: Stage::None, guest: 0 };
 
     /// Seconds at which the strain was found to last, of epochs that begin every so many ticks between two seconds.
     fn found(every_ticks: usize, seconds: [u64; 2]) -> Vec<u64> {
         let (mut strain, mut epoch, mut found) = (Strain::default(), 0, Vec::new());
         for tick in (seconds[0] * SECOND_TICKS..seconds[1] * SECOND_TICKS).step_by(every_ticks) {
             epoch += 1;
-            if strain.is_lasting(tick, epoch, NONE) {
+            if strain.is_lasting(tick, epoch) {
                 found.push(tick / SECOND_TICKS);
             }
         }
@@ -92,44 +90,51 @@ mod tests {
             .step_by(10)
             .filter(|tick| {
                 epoch += 1;
-                strain.is_lasting(*tick, epoch, NONE)
+                strain.is_lasting(*tick, epoch)
             })
             .count();
         assert_eq!(lasts, 0);
     }
 
+    /// Seconds at which the strain was found to last of an old engine beside whom a newcomer has the role in one second of three, and begins epochs as often as it.
+    fn found_beside(seconds: [u64; 2], every_ticks: usize) -> Vec<u64> {
+        let (mut strain, mut epoch, mut found) = (Strain::default(), 0, Vec::new());
+        for tick in seconds[0] * SECOND_TICKS..seconds[1] * SECOND_TICKS {
+            let begins = tick % every_ticks as u64 == 0;
+            epoch += u32::from(begins);
+            match tick / SECOND_TICKS % 3 {
+                0 => strain.pause(),
+                _ if begins && strain.is_lasting(tick, epoch) => found.push(tick / SECOND_TICKS),
+                _ => {}
+            }
+        }
+        found
+    }
+
     /// Between the times for which a newcomer has the role, beside a hand that cuts, the old engine has it.
     #[test]
     fn what_a_role_is_strained_without_the_newcomer_adds_up_over_its_times() {
-        let (mut strain, mut epoch, mut found) = (Strain::default(), 0, Vec::new());
-        for tick in (10 * SECOND_TICKS..30 * SECOND_TICKS).step_by(10) {
-            epoch += 1;
-            // A second of its own in three.
-            let stage = if tick / SECOND_TICKS % 3 == 0 { Stage::Trial } else { Stage::Shadow };
-            if strain.is_lasting(tick, epoch, Swap { stage, guest: 9 }) {
-                found.push(tick / SECOND_TICKS);
-            }
-        }
-        assert!(!found.is_empty(), "it was never given longer steps");
+        assert!(!found_beside([10, 40], 10).is_empty(), "it was never given longer steps");
+        assert!(found_beside([10, 40], 50).is_empty(), "twenty in a second are no strain");
     }
 
     /// A newcomer that was too slow for steps of 1 ms had the role's made longer after 6 s on trial, was in time then, and was promoted.
     #[test]
     fn epochs_of_a_newcomer_on_trial_lengthen_nothing() {
-        for stage in [Stage::Trial, Stage::Undone] {
-            let (mut strain, mut epoch) = (Strain::default(), 0);
-            let mut found_at = |stage: Stage, from_s: u64, to_s: u64| -> Vec<u64> {
-                let ticks = (from_s * SECOND_TICKS..to_s * SECOND_TICKS).step_by(7);
-                let lasting = ticks.filter(|tick| {
-                    epoch += 1;
-                    strain.is_lasting(*tick, epoch, Swap { stage, guest: 9 })
-                });
-                lasting.map(|tick| tick / SECOND_TICKS).collect()
-            };
-            assert!(found_at(stage, 10, 70).is_empty(), "{stage:?}");
-            assert!(found_at(Stage::Settled, 70, 75).is_empty(), "{stage:?}: none of them counts");
-            assert_eq!(found_at(Stage::Settled, 75, 78), [75], "of one that has passed they do");
-            assert_eq!(found_at(Stage::Shadow, 200, 208), [205], "and the role's own, while one is in the shadow");
-        }
+        let (mut strain, mut epoch) = (Strain::default(), 0);
+        let mut found_at = |is_on_trial: bool, from_s: u64, to_s: u64| -> Vec<u64> {
+            let ticks = (from_s * SECOND_TICKS..to_s * SECOND_TICKS).step_by(7);
+            let lasting = ticks.filter(|tick| {
+                epoch += 1;
+                if is_on_trial {
+                    strain.pause();
+                }
+                strain.is_lasting(*tick, epoch)
+            });
+            lasting.map(|tick| tick / SECOND_TICKS).collect()
+        };
+        assert!(found_at(true, 10, 70).is_empty());
+        assert!(found_at(false, 70, 75).is_empty(), "none of them counts");
+        assert_eq!(found_at(false, 75, 78), [75], "of one that has passed they do");
     }
 }

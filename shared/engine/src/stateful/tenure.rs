@@ -22,8 +22,7 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
         let Some(tenure) = self.take_role(from) else { return Ok(()) };
         self.stepped_as = tenure;
-        let swap = self.life.clock.swap(self.role);
-        let is_strained = self.strain.is_lasting(tick, tenure.epoch, swap) && !self.life.is_lockstep();
+        let is_strained = self.strain.is_lasting(tick, tenure.epoch) && !self.life.is_lockstep();
         let mut tick = self.catch_up(tick);
         if is_strained {
             // After that: a state that the spare made meanwhile has the old step, which is taken from whatever is gone on from.

@@ -66,6 +66,9 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn note_trial(&mut self, holder: Tenure) {
         let swap = self.life.clock.swap(self.role);
         self.chain.expect_guest(if self.is_guest() || !swap.keeps_line() { 0 } else { swap.guest });
+        if swap.keeps_line() {
+            self.strain.pause();
+        }
         // Who was given the role after that was read goes on from the line.
         let is_given = || self.roster.holder(self.role).incarnation == self.me();
         if !swap.keeps_line() && holder.incarnation != self.me() && !is_given() {

@@ -131,6 +131,11 @@ impl Trial {
         read.max_by(|a, b| a.step_ns().total_cmp(&b.step_ns())).unwrap_or(self.old)
     }
 
+    /// What the old engine spent while it had the role: as an elder it is an ordinary process, which waits for whoever is real time, the newcomer too.
+    fn old_holder(&self) -> Spent {
+        self.tenures.led.unwrap_or(self.old)
+    }
+
     /// A reason for its end, once the machine and the hand were heard.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
         match self.excuse(reason.cause) {
@@ -149,7 +154,7 @@ impl Trial {
         let is_kept_off = spent.is_some_and(|spent| spent.is_kept_off(&old));
         let waits = self.waits_ns != 0 && system::now_ns().saturating_sub(self.waits_ns) < probation_ns(self.role);
         match cause {
-            Cause::Missed | Cause::NotCompared if old.is_full() => Some(TOO_SLOW),
+            Cause::Missed | Cause::NotCompared if self.old_holder().is_full() => Some(TOO_SLOW),
             Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old).then_some(NO_TIME),
             Cause::Missed | Cause::NotCompared if is_kept_off => Some(NO_TIME),
             Cause::NotCompared if self.leaps.are_the_machines() => Some(NO_TIME),

@@ -157,9 +157,15 @@ fn buried(mut judge: Child) -> Option<ExitStatus> {
     status
 }
 
-/// Whether it has read where there was nothing.
+/// What a program ends with whose main thread has panicked.
+const PANICKED: i32 = 101;
+
+/// Whether it has read where there was nothing, or what cannot be: what a newcomer writes may be anything.
 fn has_crashed(status: Option<ExitStatus>) -> bool {
-    status.and_then(|status| status.signal()).and_then(Signal::from_named_raw) == Some(Signal::SEGV)
+    let Some(status) = status else { return false };
+    let by = status.signal().and_then(Signal::from_named_raw);
+    let crashes = [Signal::SEGV, Signal::BUS, Signal::ABORT, Signal::ILL, Signal::FPE];
+    status.code() == Some(PANICKED) || by.is_some_and(|signal| crashes.contains(&signal))
 }
 
 /// Ends a judge, and reaps it: one that waits for a recording's disk ends when that answers, and nobody waits for it.
@@ -227,7 +233,8 @@ mod tests {
     #[test]
     fn a_judge_that_died_of_what_it_read_is_told_from_one_that_was_killed_or_gave_up() {
         let ended = |status: i32| has_crashed(Some(ExitStatus::from_raw(status)));
-        assert_eq!([ended(11), ended(9), ended(1 << 8), has_crashed(None)], [true, false, false, false]);
+        assert_eq!([11, 7, 6, PANICKED << 8].map(ended), [true; 4], "a signal, or a panic");
+        assert_eq!([ended(9), ended(1 << 8), has_crashed(None)], [false; 3]);
         let judge = Command::new("sh").args(["-c", "kill -SEGV $$"]).spawn().unwrap();
         let until_ns = system::now_ns() + 60_000_000_000;
         while crate::proc::status_of_zombie(judge.id()).is_none() {

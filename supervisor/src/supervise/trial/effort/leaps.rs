@@ -59,7 +59,7 @@ impl Leaps {
     }
 
     /// Looks at what was counted since the last look; why the newcomer is slow, if it is. `leap_ns`: for how long one must have been kept from its steps for
-    /// each leap, at least.
+    /// each leap, at least. `old`: what the old engine spent while it had the role.
     fn look(&mut self, read: Spent, old: &Spent, leap_ns: u64) -> Option<String> {
         let since = self.since?;
         self.since = Some(read);
@@ -134,7 +134,7 @@ impl Supervisor {
         let leap_ns = self.leap_ns(role, incumbent);
         let Some(read) = self.read_newcomer() else { return };
         let Some(trial) = &mut self.trial else { return };
-        let old = trial.old_engine();
+        let old = trial.old_holder();
         if let Some(text) = trial.leaps.look(read, &old, leap_ns) {
             self.doubt(incarnation, Reason::new(Cause::Slow, text));
         }
