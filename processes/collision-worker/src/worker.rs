@@ -5,7 +5,9 @@
 //! room for as that, and the coordinator computes it. Who sends a job or a topology that cannot be is named, and nothing is made of it: hits that are wrong for it
 //! would be laid to whoever found them.
 
-use hyst_contact::{Cull, Found, HITS_OF_A_POINT, HashRef, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue, intersect};
+use hyst_contact::{
+    Cull, Found, HITS_OF_A_POINT, HashRef, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue, intersect,
+};
 use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};

@@ -7,8 +7,8 @@ use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
 use hyst_contact::{
-    Cull, Found, HashMut, HashRef, HashSizes, Hit, Layout, MOST_HITS_OF_SHARE, Points, Share, Split, Tissue, are_true, has_all_of,
-    intersect, merge,
+    Cull, Found, HashMut, HashRef, HashSizes, Hit, Layout, MOST_HITS_OF_SHARE, Points, Share, Split, Tissue, are_true,
+    has_all_of, intersect, merge,
 };
 use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
@@ -281,7 +281,7 @@ impl Collision {
             }
             self.missing += group.count_ones() - done.count_ones();
         }
-        self.compute_missing(life, (done, said_full), (&hash, points, &tissue), world.version)?;
+        self.compute_missing(life, (done, said_full), (points, &tissue), world.version)?;
         let mut parts: [&[Hit]; MAX_WORKERS] = [&[]; MAX_WORKERS];
         for (part, (share, count)) in parts.iter_mut().zip(self.shares.iter().zip(&self.counts)) {
             *part = &share[..*count];
@@ -299,14 +299,15 @@ impl Collision {
         &mut self,
         life: &Life,
         (done, said_full): (u32, u32),
-        (hash, points, tissue): (&HashRef<'_>, &Points<'_>, &Tissue<'_>),
+        (points, tissue): (&Points<'_>, &Tissue<'_>),
         version: u32,
     ) -> Result<(), Failure> {
-        let count = self.shares.len();
+        let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
+        let (hash, count) = (HashRef::in_own_words(&self.own_hash).map_err(broken)?, self.shares.len());
         for index in (0..count).filter(|index| done & (1 << index) == 0) {
             let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
             let (cull, hits) = (self.culls[index].of(version), &mut self.shares[index]);
-            let found = intersect(share, hash, points, tissue, cull, hits).map_err(|error| Failure::Broken(error.to_string()))?;
+            let found = intersect(share, &hash, points, tissue, cull, hits).map_err(broken)?;
             if said_full & (1 << index) != 0 && !is_full(&found) {
                 life.page.add64(header::INVALID, 1);
                 life.distrust(self.coordinator.incarnation_at(index), Distrust::Invalid);

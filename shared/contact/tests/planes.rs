@@ -197,7 +197,8 @@ fn gaps_are_those_of_every_triangle_tried() {
 /// Who reads a plane refuses all of them where one is farther away than there is any use for.
 #[test]
 fn a_plane_that_would_be_far_away_is_near_and_has_the_same_force() {
-    let one = ContactForce { owner: TOOL, direction: [0.0, 0.0, 1.0], normal_n: 1.0, stiffness_n_m: 0.5, ..ContactForce::default() };
+    let one =
+        ContactForce { owner: TOOL, direction: [0.0, 0.0, 1.0], normal_n: 1.0, stiffness_n_m: 0.5, ..ContactForce::default() };
     let input = PlaneInput {
         contacts: &[one],
         gaps: &[],

@@ -81,9 +81,8 @@ mod tests {
         let scene = load_scene(None).unwrap();
         let (_, world) = Workshop::open(&scene, Isa::detect()).unwrap();
         let mut body = world.body;
-        let mut next = 0;
-        let starts: Vec<usize> =
-            scene.objects.iter().map(|object| std::mem::replace(&mut next, next + object.mesh.positions_m.len())).collect();
+        let counts = scene.objects.iter().map(|object| object.mesh.positions_m.len());
+        let starts: Vec<usize> = counts.scan(0, |next, count| Some(std::mem::replace(next, *next + count))).collect();
         let outside = Outside::of(&scene, &body, &starts);
         let triangles = scene.objects[0].outside();
         let [a, b, c] = *triangles.first().expect("the default organ is not held all around");
