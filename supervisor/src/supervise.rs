@@ -328,8 +328,7 @@ impl Supervisor {
         self.spawner.mortality.pass("reaped");
         self.faults.look_at_the_dead(slot, incarnation, &mut self.viewer);
         self.note_holders(death.at_ns); // one that took the role and died since the last look held it
-        let is_urgent = slot.role() == Role::Device;
-        let is_dismissed = self.dismissed.remove(&incarnation);
+        let (is_urgent, is_dismissed) = (slot.role() == Role::Device, self.dismissed.remove(&incarnation));
         crate::intent::Intent::end_of(incarnation, &self.page);
         let is_mourned = !is_dismissed && !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0;
         let words = self.words_of(slot, exit);
@@ -337,10 +336,13 @@ impl Supervisor {
             self.sample(death.at_ns, slot, None);
             self.cleaner.ask(death.at_ns);
         }
-        if is_dismissed && !is_urgent {
-            self.faults.dismissed(slot, incarnation, exit, death.at_ns);
-        } else if is_mourned && !is_urgent {
-            self.mourn(slot, incarnation, exit, death, &words);
+        let tell = |this: &mut Supervisor| match () {
+            () if is_dismissed => this.faults.dismissed(slot, incarnation, exit, death.at_ns),
+            () if is_mourned => this.mourn(slot, incarnation, exit, death, &words),
+            () => {}
+        };
+        if !is_urgent {
+            tell(self);
         }
         let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
         self.page.store32(layout::SLOT_BOOKED + slot.number(), incarnation);
@@ -348,10 +350,8 @@ impl Supervisor {
         if is_urgent && self.real_time {
             system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
         }
-        if is_dismissed && is_urgent {
-            self.faults.dismissed(slot, incarnation, exit, death.at_ns);
-        } else if is_mourned && is_urgent {
-            self.mourn(slot, incarnation, exit, death, &words);
+        if is_urgent {
+            tell(self);
         }
     }
 

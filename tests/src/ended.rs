@@ -21,7 +21,7 @@ pub const STEP_MARGIN_N: f64 = 0.05;
 pub(crate) const MOST_VOID: f64 = 0.2;
 
 /// Ticks that a fault of the device may cost, for which nobody stands in: what the hardware holds and ramps a force for.
-const DEVICE_TICKS: f64 = 20.0;
+pub const DEVICE_TICKS: f64 = 20.0;
 
 /// Share of its ticks that a control is taken to have lost for which no quiet time was as long as the fault.
 const LOST_WITHOUT_CONTROL: f64 = 0.01;

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-pub use ended::{Ended, STEP_MARGIN_N};
+pub use ended::{DEVICE_TICKS, Ended, STEP_MARGIN_N};
 pub use folder::Folder;
 pub use keepers::{Census, Engine};
 

@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 use station_tests::shown::{Promise, lower99_of_difference, mean};
-use station_tests::{Ended, RECOVERY_LIMIT, STEP_MARGIN_N, Station, binaries, hystation, run, wait_for};
+use station_tests::{DEVICE_TICKS, Ended, RECOVERY_LIMIT, STEP_MARGIN_N, Station, binaries, hystation, run, wait_for};
 
 /// Kills of the active haptic, and of the active tissue, that must count; `HYSTATION_KILLS=100` makes a hundred.
 const KILLS: usize = 25;
@@ -23,8 +23,6 @@ const BETWEEN_TICKS: u64 = 220;
 
 /// Force that is felt, N.
 const FELT_N: f64 = 0.2;
-/// Misses that the death of the device itself may cost beyond its control: the hardware holds and ramps for 20 ms.
-const DEVICE_MISSES: f64 = 20.0;
 /// On a machine that is so busy that a process which only says how it is called takes its time, the device may take this many times as long.
 const DEVICE_STARTS: f64 = 4.0;
 
@@ -231,7 +229,7 @@ fn the_device_is_back_before_the_hardware_has_let_go() {
     let excess = ended.excess("device", true);
     let recovered_ms: Vec<f64> = faults.iter().filter_map(|fault| Some(fault["recovered_us"].as_f64()? * 1e-3)).collect();
     starts_ms.sort_by(f64::total_cmp);
-    let allowed = DEVICE_MISSES.max(DEVICE_STARTS * starts_ms[starts_ms.len() / 2]);
+    let allowed = DEVICE_TICKS.max(DEVICE_STARTS * starts_ms[starts_ms.len() / 2]);
     println!("device: back after {recovered_ms:.0?} ms; bare starts {starts_ms:.1?} ms");
     assert_eq!(recovered_ms.len(), faults.len(), "{faults:#?}");
     let promise = Promise::of_ticks(allowed, 5, ended.worst_control());

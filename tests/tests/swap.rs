@@ -15,7 +15,7 @@ use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::swapped::{assert_deficit_goes_on, got_no_time, swap};
 use station_tests::windows::{Pairs, Spinners};
-use station_tests::{RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
+use station_tests::{DEVICE_TICKS, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -72,9 +72,6 @@ fn kill_supervisor(station: &Station) {
 
 /// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.
 const ALLOWED_EACH: f64 = 0.05;
-
-/// Ticks that one of the device may cost, until its successor is there: what the hardware holds and ramps a force for.
-const DEVICE_TICKS: f64 = 20.0;
 
 /// The windows of all roles.
 fn together(windows: &BTreeMap<&str, Pairs>) -> Pairs {

@@ -12,8 +12,9 @@ const LEAST_M: f32 = 1e-4;
 /// A point counts as if it had at least this share of the way from the pivot to the tip, also behind the pivot: of a smaller one a wall would be as far
 /// away as one likes.
 const LEAST_SHARE: f32 = 0.05;
-/// And at most this: before a tip that has hardly come through the pivot it would be as stiff as one likes.
-pub(crate) const MOST_SHARE: f32 = 2.0;
+/// And at most this: before a tip that has hardly come through the pivot it would be as stiff as one likes. Nor is more than this of any force felt: what acts far
+/// beside the axis would be felt as far away, or as stiff, as one likes.
+const MOST_SHARE: f32 = 2.0;
 /// What acts along the axis but beside it turns the instrument as if the tip were at least so far from the pivot, m: on a shorter lever it would be felt as
 /// large as one likes.
 const LEAST_BESIDE_M: f32 = 0.01;
@@ -37,7 +38,7 @@ impl Lever {
         (length_m >= LEAST_M).then(|| Lever { tip, axis: way / length_m, length_m })
     }
 
-    /// What a force at a place is at the tip.
+    /// What a force of 1 N in a direction, at a place, is at the tip.
     pub(crate) fn felt(&self, place_m: [f32; 3], force: Vec3) -> Vec3 {
         let from_tip = Vec3::from_array(place_m) - self.tip;
         let ahead_m = from_tip.dot(self.axis);
@@ -45,6 +46,7 @@ impl Lever {
         let share = (1.0 + ahead_m / self.length_m).clamp(LEAST_SHARE, MOST_SHARE);
         let along = force.dot(self.axis);
         let across = force - self.axis * along;
-        self.axis * along + across * share - beside_m * (along / self.length_m.max(LEAST_BESIDE_M))
+        let felt = self.axis * along + across * share - beside_m * (along / self.length_m.max(LEAST_BESIDE_M));
+        felt.clamp_length_max(MOST_SHARE)
     }
 }

@@ -11,7 +11,7 @@
 //! the servo's rate, before the tissue has answered.
 
 use crate::force::ContactForce;
-use crate::lever::{Lever, MOST_SHARE};
+use crate::lever::Lever;
 use crate::near::Gap;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -118,8 +118,7 @@ fn shares(direction: Vec3) -> [f32; MAX_PLANES] {
 fn felt(lever: Option<Lever>, place_m: [f32; 3], direction: [f32; 3]) -> (Vec3, f32) {
     let direction = Vec3::from_array(direction);
     let Some(lever) = lever else { return (direction, 1.0) };
-    // What is far beside the axis would be felt as far away, or as stiff, as one likes.
-    let felt = lever.felt(place_m, direction).clamp_length_max(MOST_SHARE);
+    let felt = lever.felt(place_m, direction);
     let share = felt.length();
     (felt / share, share)
 }

@@ -1,11 +1,11 @@
 //! Bad engines: each is rolled back for a cause that is its own, and the hand does not notice. As many swaps to them are made as `HYSTATION_BAD_SWAPS` says, one
 //! kind after the other and then from the beginning.
 
-use super::{CONTROL_TICKS, DEVICE_TICKS, LEAST, TRIES, judge, number_of, together};
+use super::{CONTROL_TICKS, LEAST, TRIES, judge, number_of, together};
 use station_tests::shown::not_shown;
 use station_tests::swapped::{got_no_time, swap};
 use station_tests::windows::Pairs;
-use station_tests::{Station, bad_engine};
+use station_tests::{DEVICE_TICKS, Station, bad_engine};
 use std::collections::BTreeMap;
 
 const STANDS: &[&str] = &["hung", "missed", "late"];

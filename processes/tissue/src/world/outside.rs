@@ -31,9 +31,9 @@ impl Outside {
         }
         let corners = outer.iter().flatten().map(|node| place(nodes[*node as usize].0));
         let places = Lookup::of(corners.collect());
-        let number = |place_m: [f32; 3]| places.number(place(place_m)).map_or(NONE, |number| number as u32);
         for node in outer.iter().flatten() {
-            nodes[*node as usize].1 = number(nodes[*node as usize].0);
+            let (place_m, corner) = &mut nodes[*node as usize];
+            *corner = corner_at(&places, *place_m);
         }
         let triangles = Lookup::of(outer.iter().map(|triangle| key(triangle.map(|node| nodes[node as usize].1))).collect());
         Outside { nodes, places, triangles }
@@ -52,9 +52,14 @@ impl Outside {
             // Most are where they were, and need not be looked for.
             Some((place_m, corner)) if place_m == at_m => *corner,
             // A copy lies where its original does.
-            _ => self.places.number(place(*at_m)).map_or(NONE, |number| number as u32),
+            _ => corner_at(&self.places, *at_m),
         }
     }
+}
+
+/// The corner that lies at a place, or none.
+fn corner_at(places: &Lookup, place_m: [f32; 3]) -> u32 {
+    places.number(place(place_m)).map_or(NONE, |number| number as u32)
 }
 
 /// What a place is looked up by.

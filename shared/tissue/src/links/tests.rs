@@ -1,22 +1,14 @@
 //! Promise of a contact at one moment: it never pulls, and rubs against the sliding with its share of what it pushes with at most.
 
+#[path = "../../tests/common/noise.rs"]
+mod random;
+
 use super::*;
+use random::noise;
 
 const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.3, slip_m_s: 0.01, most_n: 5.0 };
 /// A contact that no damping which integration forbids holds back.
 const READY: Ready = Ready { stiffness_n_m: 800.0, most_n_s_m: 1e3, is_softened: false };
-
-/// Numbers from −1 to 1 that depend on `seed` alone (splitmix64).
-fn noise(seed: u64) -> impl FnMut() -> f32 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    }
-}
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()

@@ -1,7 +1,10 @@
 //! Meshes and helpers that the tests and the bench share.
-#![allow(dead_code, missing_docs)]
+#![allow(dead_code, missing_docs, unused_imports)]
 
 pub mod cuts;
+mod noise;
+
+pub use noise::noise;
 
 use hyst_mesh::TetMesh;
 use hyst_tissue::{Model, Options, Scratch, StateMut, StateRef, StepInput, StepReport, step};
@@ -114,16 +117,4 @@ impl Body {
 /// Default options with another number of substeps allowed.
 pub fn options() -> Options {
     Options { max_substeps: 32, ..Options::default() }
-}
-
-/// Numbers from −1 to 1 that depend on `seed` alone (splitmix64).
-pub fn noise(seed: u64) -> impl FnMut() -> f32 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    }
 }

@@ -15,12 +15,7 @@ use hyst_messages::Role;
 /// may lie at the end of the lie, where nobody has had time.
 const LEAST_TOUCHING: u32 = 20;
 
-/// Whether a kind is done to a process, or to all of them, and none need notice.
-pub(super) fn is_done_from_outside(cell: &Cell) -> bool {
-    cell.injection.kind.is_done_from_outside()
-}
-
-/// Where such a fault is done.
+/// Where a fault is done that is done from outside.
 fn segment(cell: &Cell) -> &'static str {
     match (cell.injection.place, cell.injection.kind) {
         (Some(place), _) => place.name(),

@@ -2,7 +2,7 @@
 
 use super::blame::{Blame, end_of};
 use super::figures::{Figures, Known, touches};
-use super::notice::{Unfound, is_done_from_outside, unfound};
+use super::notice::{Unfound, unfound};
 use crate::campaign::cell::{Cell, May, State};
 use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
@@ -62,7 +62,8 @@ impl Figures {
         let has_ended = known.blame.ended(outcome.index).is_some();
         let sequel = known.blame.sequel(outcome);
         let fault = outcome.fault.clone().unwrap_or_default();
-        let was_noticed = !is_done_from_outside(cell) || self.take_notice(cell, &fault, outcome.index, sequel, has_ended);
+        let is_from_outside = cell.injection.kind.is_done_from_outside();
+        let was_noticed = !is_from_outside || self.take_notice(cell, &fault, outcome.index, sequel, has_ended);
         self.injected += 1;
         self.manifested += usize::from(has_ended);
         self.take_wrong(outcome);
@@ -95,8 +96,8 @@ impl Figures {
         let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
         let (index, has_ended) = (outcome.index, known.blame.ended(outcome.index).is_some());
         let is_astray = cell.injection.target.ends_with(":active") && !fault.active;
-        let was_noticed =
-            !is_done_from_outside(cell) || self.take_notice(cell, fault, index, known.blame.sequel(outcome), has_ended);
+        let is_from_outside = cell.injection.kind.is_done_from_outside();
+        let was_noticed = !is_from_outside || self.take_notice(cell, fault, index, known.blame.sequel(outcome), has_ended);
         let unfound = unfound(cell, fault, outcome).filter(|_| !is_astray);
         let met_no_cut = cell.state == State::Cutting && outcome.after.cuts <= outcome.before.cuts;
         let shows = fault.manifested && unfound != Some(Unfound::True) && !met_no_cut;
