@@ -2,6 +2,7 @@
 //! newcomer computes with what the old engine computes, by the role's stated tolerance. It decides nothing and nobody waits for it: the
 //! supervisor reads its lines. A helper, because a reader trusts offsets in memory that the newcomer writes.
 
+mod inputs;
 #[cfg(test)]
 mod tests;
 
@@ -9,6 +10,7 @@ use hyst_exchange::{Links, ReadPage, Station, StationPage, Subscriber, system};
 use hyst_messages::page::tissue;
 use hyst_messages::tolerance::{Deviation, SHADOW_EPOCH, compare, compare_models};
 use hyst_messages::{ContactModel, Kind, Message, Role, StreamHeader, kinds_of};
+use inputs::Inputs;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -25,7 +27,7 @@ const EVERY: u64 = 16;
 const SHORT_STEP_TICKS: u32 = 4;
 
 /// Ticks for which nothing is compared after one side has leapt over some: the time that it lost is missing in its state, and a tissue that is
-/// moved takes some tens of ms to forget that. What floats in it does not.
+/// moved takes some tens of ms to forget that. What floats in it does not. So it is after both have used inputs of other ticks for one.
 pub const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
@@ -67,7 +69,8 @@ pub struct Seen {
     pub flaw: String,
     /// Pairs in a row, up to now, of a newcomer that has the role, whose meshes are not the same: of those nothing is compared.
     pub apart: u32,
-    /// One side has lost ticks since both went on from one state: what is out of tolerance then may be what floats, which nothing pulls back to where it was.
+    /// One side has lost ticks, or used another input, since both went on from one state: what is out of tolerance then may be what floats,
+    /// which nothing pulls back to where it was.
     pub leapt: bool,
     /// Each of those that were out of tolerance in a row was so because nothing came of the newcomer: the machine may have kept it from its work.
     pub silent: bool,
@@ -134,8 +137,10 @@ struct Pairs {
     leapt: Option<u64>,
     /// The newcomer wrote that state of the role.
     leads: bool,
-    /// One side has leapt since both went on from one state: in the shadow, or as the newcomer took the role.
+    /// One side has leapt since both went on from one state, in the shadow or as the newcomer took the role; or the two have used other inputs since.
     has_leapt: bool,
+    /// Of a tissue.
+    inputs: Inputs,
     /// The newest steps of the old engine and of the newcomer, ticks; states of that in a row by which they differed; whether both had a state of one tick.
     steps: [u32; 2],
     unlike: u32,
@@ -156,6 +161,9 @@ impl Pairs {
     fn take(&mut self, kind: Kind, bytes: &[u8], guest: u32) {
         let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
         self.follow(&header, guest);
+        if kind == Kind::TissueState && self.has_other_input((&header).into(), guest) {
+            return;
+        }
         if self.leapt.is_some_and(|leapt| header.tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
@@ -248,17 +256,22 @@ impl Pairs {
             _ => false,
         };
         if leapt {
-            (self.leapt, self.has_leapt) = (Some(header.tick), true);
-            self.waiting.clear();
+            self.part_at(header.tick);
         }
+    }
+
+    fn part_at(&mut self, tick: u64) {
+        (self.leapt, self.has_leapt) = (Some(tick), true);
+        self.waiting.clear();
     }
 
     /// Takes a contact model that was just read from the page of one side; compares as for states. Not each of them is seen: a page has the newest.
     fn take_model(&mut self, model: ContactModel, guest: u32) {
+        let has_other_input = self.has_other_input((&model).into(), guest);
         if self.meshes[0] != self.meshes[1] {
             return self.models.clear(); // one side has cut, and the other one not yet
         }
-        if self.leapt.is_some_and(|leapt| model.state_tick < leapt.saturating_add(FORGET_TICKS)) {
+        if has_other_input || self.leapt.is_some_and(|leapt| model.state_tick < leapt.saturating_add(FORGET_TICKS)) {
             return;
         }
         let pair = self.models.entry(model.state_tick).or_default();

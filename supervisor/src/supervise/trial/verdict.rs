@@ -60,7 +60,7 @@ impl Trial {
         let may_go_on = is_proof || stage == Stage::Trial || stage == Stage::Shadow && self.is_calm(now_ns);
         match self.flaw(seen, passed_ns) {
             Some(text) if self.role == Role::Tissue && seen.leapt => match is_proof {
-                true => Verdict::Parted(format!("after ticks were lost {text}")),
+                true => Verdict::Parted(format!("after ticks were lost, or inputs of other ticks used, {text}")),
                 false => Verdict::Open, // of a line that was left already nothing is said any more
             },
             Some(text) => Verdict::Out(format!("out of tolerance: {text}")),
@@ -176,7 +176,8 @@ mod tests {
 
     #[test]
     fn a_tissue_that_is_out_of_tolerance_now_and_then_since_ticks_were_lost_has_parted() {
-        let text = "after ticks were lost 20 of 30 pairs, at the last of them force differs by 0.1 N";
+        let text =
+            "after ticks were lost, or inputs of other ticks used, 20 of 30 pairs, at the last of them force differs by 0.1 N";
         let found = verdicts(Role::Tissue, Stage::Trial, true, &[true, true, false]);
         assert_eq!(first(&found), Some((30, &Verdict::Parted(text.to_string()))));
         assert_eq!(first(&verdicts(Role::Tissue, Stage::Shadow, true, &[true, true, false])), None, "a line that was left");

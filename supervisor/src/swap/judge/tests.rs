@@ -1,5 +1,7 @@
 //! Promise of the judge: it compares what can be compared, and says what is wrong with a newcomer of which nothing can.
 
+mod inputs;
+
 use super::*;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, MessageMut};
@@ -177,18 +179,24 @@ fn tissue([epoch, incarnation, mesh]: [u32; 3], tick: u64, nodes: usize) -> Vec<
     bytemuck::cast_slice(&memory).to_vec()
 }
 
+/// The old engine, and the newcomer.
+const WRITERS: [u32; 2] = [6, 17];
+
+/// A tissue's contact model, with so many planes.
+fn tissue_model([epoch, incarnation, plane_count]: [u32; 3], state_tick: u64, input_tick: u64) -> ContactModel {
+    let mut model = ContactModel { epoch, incarnation, state_tick, input_tick, plane_count, ..ContactModel::default() };
+    (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
+    model
+}
+
 /// What is seen after a pair of tissues under these epochs, with these meshes and as many more nodes; the old engine's contact model has a plane.
 fn after_a_pair(pairs: &mut Pairs, tick: u64, epochs: [u32; 2], meshes: [u32; 2], planes: [u32; 2]) -> Seen {
-    let writers = [6, 17];
     for side in [0, 1] {
-        let state = tissue([epochs[side], writers[side], meshes[side]], tick, 4 + meshes[side] as usize);
-        pairs.take(Kind::TissueState, &state, writers[1]);
+        let state = tissue([epochs[side], WRITERS[side], meshes[side]], tick, 4 + meshes[side] as usize);
+        pairs.take(Kind::TissueState, &state, WRITERS[1]);
     }
     for side in [0, 1] {
-        let (epoch, incarnation, plane_count) = (epochs[side], writers[side], planes[side]);
-        let mut model = ContactModel { epoch, incarnation, state_tick: tick, plane_count, ..ContactModel::default() };
-        (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
-        pairs.take_model(model, writers[1]);
+        pairs.take_model(tissue_model([epochs[side], WRITERS[side], planes[side]], tick, 0), WRITERS[1]);
     }
     pairs.seen()
 }
