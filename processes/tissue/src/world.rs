@@ -13,7 +13,7 @@ use crate::body::{Body, Room};
 use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
 use crate::knife::Filled;
-use crate::materials::{Region, lowered, materials};
+use crate::materials::{Region, materials};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
@@ -218,7 +218,7 @@ impl Workshop {
         workshop.maker.lock().options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let derived = Derived::of(&workshop.case, &mut workshop.faces, &body, None, &mut || ())?;
         let mut world = derived.with(&workshop.case, body, model, None);
-        world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
+        world.notes = [&notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of a mesh that is not cut has to.
         world.shut_n();
         Ok((workshop, world))

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 
 use crate::bed::Bed;
 use crate::bound;
+use crate::bulk::Bulk;
 use crate::check;
 use crate::material::Material;
 use crate::model::{Model, ModelError, ModelReport, Options, omega_allowed_per_s, substeps_stable};
@@ -117,7 +118,7 @@ fn assemble(
     let omega_max_per_s = bound::omega_per_s(&mass, &stiffness);
     let omega_rest_per_s = match options.omega_rest_per_s {
         Some(told_per_s) => told_per_s,
-        None => omega_rest_per_s(mesh, &kept.rest, &mass, &held, &beds, options)?,
+        None => omega_rest_per_s(mesh, (&kept.rest, sums), &mass, &held, &beds, options)?,
     };
     let omega_rest_per_s = omega_rest_per_s.min(omega_max_per_s);
     let mut report = ModelReport {
@@ -141,6 +142,7 @@ fn assemble(
         tets: mesh.tets.clone(),
         inv_mass: node_rows(nodes, |node| if held[node] { 0.0 } else { 1.0 / mass[node] }),
         damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { sums.nodes[node].damping_per_s() }),
+        bulk: Bulk::new(&rest_blocks, &sums.bulk),
         corners,
         blocks,
         rest_blocks,
@@ -215,18 +217,18 @@ fn least(mut low: u32, high: u32, is_enough: impl Fn(u32) -> bool) -> u32 {
 
 fn omega_rest_per_s(
     mesh: &TetMesh,
-    rest: &[Rest],
+    (rest, sums): (&[Rest], &Sums),
     mass: &[f64],
     held: &[bool],
     beds: &[Bed],
     options: &Options,
 ) -> Result<f64, ModelError> {
     let element = |(tet, data): (usize, &Rest)| {
-        let (nodes, Rest { volume_m3, mu_pa, lambda_pa, .. }) = (&mesh.tets[tet], *data);
-        Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element { nodes, gradients, volume_m3, mu_pa, lambda_pa })
+        let (nodes, Rest { volume_m3, mu_pa, lambda_pa, is_held_by_nodes, .. }) = (&mesh.tets[tet], *data);
+        Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element { nodes, gradients, volume_m3, mu_pa, lambda_pa, is_held_by_nodes })
     };
     let elements: Vec<Element<'_>> = rest.iter().enumerate().map(element).collect::<Result<_, _>>()?;
     let mut outside_n_m = vec![options.contact_stiffness_n_m; mass.len()];
     beds.iter().for_each(|bed| outside_n_m[bed.node as usize] += f64::from(bed.stiffness_n_m));
-    Ok(spectrum::omega_per_s(&elements, mass, held, &outside_n_m))
+    Ok(spectrum::omega_per_s((&elements, &sums.bulk), mass, held, &outside_n_m))
 }

@@ -7,7 +7,7 @@
 //! Promise: the stress is that of the step's own elements (`kernel`, whose β does nothing at the element's rotation); in double precision, with
 //! + − × ÷ alone and in the order of the model's blocks, so that the bits depend on model and shape alone, whatever the instruction set.
 
-use crate::layout::{self, Corners, LANES};
+use crate::layout::{self, Corners, LANES, RestBlock};
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
 
@@ -24,18 +24,21 @@ const NO_CHANGE: f64 = 1e-18;
 /// Returns how many tets were left out because they resist, or because a corner is beyond one of the slices.
 pub fn holding_forces(model: &Model, position_m: &[[f32; 3]], out_n: &mut [[f32; 3]]) -> usize {
     let count = model.rest_m.len().min(position_m.len()).min(out_n.len());
+    let pressures_pa = pressures_pa(model, &position_m[..count]);
     let is_moved = |node: &usize| *node >= count || position_m[*node] != model.rest_m[*node];
     let mut left_out = 0;
     for (block, (constants, rest)) in model.blocks.iter().zip(&model.rest_blocks).enumerate() {
         for lane in (0..LANES).filter(|lane| rest.volume.0[*lane] > 0.0) {
             let nodes = corners_of(&model.corners, block, lane);
-            if !nodes.iter().any(is_moved) {
+            let of_node = |node: &usize| pressures_pa.get(*node).copied().unwrap_or(0.0);
+            let shared_pa = if rest.is_held_by_nodes(lane) { nodes.iter().map(of_node).sum::<f64>() / 4.0 } else { 0.0 };
+            if shared_pa == 0.0 && !nodes.iter().any(is_moved) {
                 continue;
             }
-            let inv_edges = Matrix3::from_fn(|row, axis| f64::from(rest.inv_edges[3 * row + axis].0[lane]));
+            let inv_edges = inv_edges(rest, lane);
             let lame_pa = [constants.lambda.0[lane], constants.two_mu.0[lane]].map(f64::from);
             let stress_pa = match nodes.iter().all(|node| *node < count) {
-                true => stress_pa(&(edges_m(nodes, position_m) * inv_edges), lame_pa),
+                true => stress_pa(&(edges_m(nodes, position_m) * inv_edges), lame_pa, shared_pa),
                 false => None,
             };
             let Some(stress_pa) = stress_pa else {
@@ -53,6 +56,34 @@ pub fn holding_forces(model: &Model, position_m: &[[f32; 3]], out_n: &mut [[f32;
     left_out
 }
 
+/// The pressure of each node that holds the volume of tets, Pa: as in [`bulk`](crate::bulk), at the elements' own rotations. Tets with a corner beyond the slice
+/// and those that are inside out count as at rest. None for a model without such nodes.
+fn pressures_pa(model: &Model, position_m: &[[f32; 3]]) -> Vec<f64> {
+    let Some(bulk) = &model.bulk else { return Vec::new() };
+    let mut grown_m3 = vec![0.0; bulk.nodes.len()];
+    for (block, rest) in model.rest_blocks.iter().enumerate() {
+        for lane in (0..LANES).filter(|lane| rest.is_held_by_nodes(*lane)) {
+            let nodes = corners_of(&model.corners, block, lane);
+            if nodes.iter().any(|node| *node >= position_m.len()) {
+                continue;
+            }
+            let deformation = edges_m(nodes, position_m) * inv_edges(rest, lane);
+            let turned = if deformation.determinant() > 0.0 { rotation(&deformation) } else { None };
+            let stretch = turned.map_or(0.0, |rotation| (rotation.transpose() * deformation).trace() - 3.0);
+            if stretch.is_finite() {
+                nodes.iter().for_each(|node| grown_m3[*node] += stretch * f64::from(rest.volume.0[lane]));
+            }
+        }
+    }
+    let nodes = grown_m3.iter().zip(&bulk.nodes);
+    nodes.map(|(grown_m3, node)| (grown_m3 * f64::from(node.pa_per_m3)).min(f64::from(node.most_pa))).collect()
+}
+
+/// The inverse of a tet's edges at rest, 1/m.
+fn inv_edges(rest: &RestBlock, lane: usize) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, axis| f64::from(rest.inv_edges[3 * row + axis].0[lane]))
+}
+
 /// The nodes of the tet in a lane of a block.
 fn corners_of(corners: &Corners, block: usize, lane: usize) -> [usize; 4] {
     match corners {
@@ -67,14 +98,15 @@ fn edges_m(nodes: [usize; 4], position_m: &[[f32; 3]]) -> Matrix3<f64> {
     Matrix3::from_columns(&[one - origin, two - origin, three - origin])
 }
 
-/// First Piola-Kirchhoff stress of an element at a deformation, Pa: 2μ(F − R) + p·R with p = min(λ(tr RᵀF − 3), 2μ); `None` where p is less than 0.
-fn stress_pa(deformation: &Matrix3<f64>, [lambda_pa, two_mu_pa]: [f64; 2]) -> Option<Matrix3<f64>> {
+/// First Piola-Kirchhoff stress of an element at a deformation, Pa: 2μ(F − R) + p·R with p = min(λ(tr RᵀF − 3), 2μ) and the pressure of its nodes; `None` where one of the
+/// two is less than 0.
+fn stress_pa(deformation: &Matrix3<f64>, [lambda_pa, two_mu_pa]: [f64; 2], shared_pa: f64) -> Option<Matrix3<f64>> {
     let rotation = if deformation.determinant() > 0.0 { rotation(deformation)? } else { return None };
     let stretch = (rotation.transpose() * deformation).trace() - 3.0;
-    if stretch < -ROUNDING {
+    if stretch < -ROUNDING || shared_pa < -ROUNDING * two_mu_pa {
         return None;
     }
-    let pressure_pa = (lambda_pa * stretch).min(two_mu_pa);
+    let pressure_pa = (lambda_pa * stretch).min(two_mu_pa) + shared_pa;
     let stress_pa = (deformation - rotation) * two_mu_pa + rotation * pressure_pa;
     stress_pa.iter().all(|part| part.is_finite()).then_some(stress_pa)
 }

@@ -136,12 +136,17 @@ pub(crate) struct RestBlock {
     pub inv_edges: [Row; 9],
     /// V, m³; 0 in padding lanes.
     pub volume: Row,
-    /// 1/2λ, 1/Pa; finite also where λ is 0.
+    /// 1/2λ, 1/Pa; finite also where λ is 0. 0 where the nodes of a tet hold its volume ([`bulk`](crate::bulk)), whose λ is 0 here.
     pub half_inv_lambda: Row,
 }
 
 impl RestBlock {
     pub const ZERO: RestBlock = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO, half_inv_lambda: Row::ZERO };
+
+    /// Whether the volume of the tet in a lane is held by its nodes.
+    pub fn is_held_by_nodes(&self, lane: usize) -> bool {
+        self.volume.0[lane] > 0.0 && self.half_inv_lambda.0[lane] == 0.0
+    }
 }
 
 /// Number of rows for `nodes` nodes and one spare.

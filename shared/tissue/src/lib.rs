@@ -10,12 +10,13 @@
 //! The frame is the caller's; units are SI. Method: velocity Verlet in substeps. Element rotations are frozen for one step
 //! (after Müller and Gross, "Interactive Virtual Materials", 2004) and found as the global maximiser of tr(RᵀF) (Horn 1987),
 //! which is a rotation for inverted and flat elements too. The pressure is clamped, so that the stiffness of an element never
-//! exceeds its bound. Objects that hold each other ([`Attachment`]) are joined into one model ([`join`]).
+//! exceeds its bound. Tissue that hardly gives way to pressure, of a Poisson's ratio above 0.45, holds its volume at the nodes. Objects that hold each other ([`Attachment`]) are joined into one model ([`join`]).
 //! Cutting is a function of the same kind: [`cut()`] changes a [`Cuttable`], from which a [`ModelMaker`] makes a new model.
 
 mod bed;
 mod bound;
 mod build;
+mod bulk;
 mod check;
 mod cut;
 mod equilibrium;

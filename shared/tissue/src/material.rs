@@ -2,8 +2,10 @@
 //!
 //! Promise: a [`Material`] that exists has finite Lamé constants and a positive density.
 
-/// Largest Poisson ratio that is accepted: linear tets lock above it (6 % too stiff at 0.45, 30 % at 0.49).
-pub const POISSON_RATIO_MAX: f64 = 0.45;
+/// Largest Poisson ratio that is accepted: the stiffness against a change of volume, and with it the number of substeps, goes up without an end towards 0.5.
+pub const POISSON_RATIO_MAX: f64 = 0.49;
+/// Largest with which each tet holds its own volume: above it a mesh of tets would lock (6 % too stiff at 0.45, 30 % at 0.49), so nodes hold that of theirs.
+const OWN_VOLUME_RATIO_MAX: f64 = 0.45;
 
 /// An isotropic, linear elastic material with damping proportional to mass.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,8 +23,8 @@ pub enum MaterialError {
     /// Outside 1 Pa to 1 GPa.
     #[error("youngs_modulus_pa is {0}: give a value from 1 to 1e9 (soft tissue: 1e3 to 1e5)")]
     YoungsModulus(f64),
-    /// Outside 0 to 0.45.
-    #[error("poisson_ratio is {0}: give a value from 0 to 0.45; linear tetrahedra lock above that")]
+    /// Outside 0 to 0.49.
+    #[error("poisson_ratio is {0}: give a value from 0 to 0.49; nearer to 0.5 steps become too short")]
     PoissonRatio(f64),
     /// Outside 1 to 100 000 kg/m³.
     #[error("density_kg_m3 is {0}: give a value from 1 to 1e5 (tissue: about 1050)")]
@@ -67,9 +69,10 @@ impl Material {
         Ok(Self { bed_n_m4, ..self })
     }
 
-    /// The same material with this share of its stiffness.
+    /// The same material with this share of its stiffness, of a tet that holds its own volume: its nodes are to hold that of their other tets as ever.
     pub(crate) fn softened(self, share: f64) -> Self {
-        Self { youngs_modulus_pa: self.youngs_modulus_pa * share, ..self }
+        let poisson_ratio = self.poisson_ratio.min(OWN_VOLUME_RATIO_MAX);
+        Self { youngs_modulus_pa: self.youngs_modulus_pa * share, poisson_ratio, ..self }
     }
 
     /// Young's modulus, Pa.
@@ -80,6 +83,11 @@ impl Material {
     /// Poisson's ratio.
     pub fn poisson_ratio(&self) -> f64 {
         self.poisson_ratio
+    }
+
+    /// Whether the nodes hold the volume of its tets.
+    pub(crate) fn is_nearly_incompressible(&self) -> bool {
+        self.poisson_ratio > OWN_VOLUME_RATIO_MAX
     }
 
     /// Density, kg/m³.

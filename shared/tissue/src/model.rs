@@ -5,6 +5,7 @@
 
 use crate::bed::Bed;
 use crate::build::{Materials, ModelMaker};
+use crate::bulk::Bulk;
 use crate::isa::Isa;
 use crate::layout::{Block, Corners, RestBlock, Row};
 use crate::material::Material;
@@ -194,6 +195,8 @@ pub struct Model {
     pub(crate) corners: Corners,
     pub(crate) blocks: Vec<Block>,
     pub(crate) rest_blocks: Vec<RestBlock>,
+    /// How nodes hold the volume of tets that do not hold their own.
+    pub(crate) bulk: Option<Bulk>,
     pub(crate) options: Options,
     pub(crate) omega_rest_per_s: f64,
     pub(crate) omega_max_per_s: f64,

@@ -26,6 +26,8 @@ pub struct Scratch {
     force: Vec<Row>,
     external: Vec<Row>,
     frames: Vec<Frame>,
+    /// Pressures of nodes that hold the volume of tets; none for a model without such.
+    bulk: Vec<Row>,
     /// Sum of spring stiffness per node, N/m.
     load_n_m: Vec<f32>,
     /// What was weighed of the springs of the last step, of as many as there is room for.
@@ -43,6 +45,7 @@ impl Scratch {
             force: Vec::new(),
             external: Vec::new(),
             frames: Vec::new(),
+            bulk: Vec::new(),
             load_n_m: Vec::new(),
             ready: vec![None; READY_MAX],
             substep_s: 0.0,
@@ -62,6 +65,7 @@ impl Scratch {
         }
         // Frames and what was weighed are written by each step before it reads them.
         self.frames.resize(model.blocks.len(), Frame::ZERO);
+        self.bulk.resize(if model.bulk.is_some() { looked_up } else { 0 }, Row::ZERO);
         self.load_n_m.clear();
         self.load_n_m.resize(nodes, 0.0);
         self.substep_s = 0.0;
@@ -161,6 +165,9 @@ fn check(
     }
     if scratch.frames.len() != model.blocks.len() {
         return Err(StepError::Length { what: "scratch (tets)", expected, found: scratch.frames.len() * LANES });
+    }
+    if model.bulk.is_some() && scratch.bulk.is_empty() {
+        return Err(StepError::Length { what: "scratch (volumes)", expected, found: 0 });
     }
     if input.dt_s > 0.0 && input.dt_s <= STEP_MAX_S { Ok(()) } else { Err(StepError::Step(input.dt_s)) }
 }
@@ -272,14 +279,24 @@ fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
 #[inline(always)]
 fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N::Number; LANES]; 4]]) -> TetSums {
     let Job { model, scratch, links, substep_s, substeps } = job;
-    let Scratch { position, velocity, force, external, frames, load_n_m, ready, .. } = scratch;
+    let Scratch { position, velocity, force, external, frames, bulk, load_n_m, ready, .. } = scratch;
     let (grip, rows) = (Grip { model, load_n_m, substep_s }, external.len());
     let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
-    let sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
+    let mut sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
+    if let Some(held) = &model.bulk {
+        held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
+        sums.energy_j.0[0] += held.energy_j(bulk);
+        held.brake::<S, N>(simd, corners, blocks, bulk, frames);
+        held.add_forces(simd, corners, &frames[..], bulk, N::of_mut(force));
+    }
     for substep in 0..=substeps {
         // Those of the first came with the rotations.
         if substep > 0 {
             kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
+            if let Some(held) = &model.bulk {
+                held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
+                held.add_forces(simd, corners, &frames[..], bulk, N::of_mut(force));
+            }
         }
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);

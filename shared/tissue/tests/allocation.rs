@@ -31,9 +31,14 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_step_allocates_nothing() {
+    // The second is of nodes that hold the volume of their tets.
+    [0.45, 0.48].into_iter().for_each(steps_allocate_nothing);
+}
+
+fn steps_allocate_nothing(poisson_ratio: f64) {
     let mesh = block([4, 4, 4], 0.003);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
-    let material = Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap();
+    let material = Material::new(10_000.0, poisson_ratio, 1000.0, 5.0).unwrap();
     let with_contact = hyst_tissue::Options { contact_stiffness_n_m: 100.0, ..options() };
     let mut body = Body::new(Model::new(&mesh, &fixed, &material, with_contact).unwrap().0);
     let force = vec![[0.0, 1e-4, f32::NAN]; mesh.positions_m.len()];
@@ -55,7 +60,7 @@ fn a_step_allocates_nothing() {
         });
     }
     let during = ALLOCATIONS.get() - before;
-    assert_eq!(during, 0, "{during} allocations in 20 steps");
+    assert_eq!(during, 0, "{during} allocations in 20 steps, ν = {poisson_ratio}");
     let counted = ALLOCATIONS.get();
     drop(vec![1u8; 100]);
     assert_eq!(ALLOCATIONS.get(), counted + 1, "the counter counts");

@@ -5,22 +5,31 @@ mod common;
 use common::{Body, block, noise, options, with_flat_tets};
 use hyst_mesh::TetMesh;
 use hyst_tissue::{
-    ContactLaw, Material, Model, ModelError, Options, PairSpring, PlaneSpring, Pressure, StateMut, StateRef, StepError,
+    ContactLaw, Material, Model, ModelError, Options, PairSpring, PlaneSpring, Pressure, Scratch, StateMut, StateRef, StepError,
     StepInput, step,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-fn body() -> Body {
+/// Of tets that hold their own volume, and of such whose nodes do.
+const POISSON_RATIOS: [f64; 2] = [0.45, 0.49];
+
+fn body(poisson_ratio: f64) -> Body {
     let mesh = block([4, 4, 3], 0.003);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
-    let material = Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap();
+    let material = Material::new(10_000.0, poisson_ratio, 1000.0, 5.0).unwrap();
     Body::new(Model::new(&mesh, &fixed, &material, options()).unwrap().0)
 }
 
 /// Lets go of a distorted start: energy never above the first, and back at the shape of rest in the end.
 fn recovers(name: &str, distort: impl Fn(usize, [f32; 3]) -> [f32; 3]) {
-    let mut body = body();
+    for poisson_ratio in POISSON_RATIOS {
+        recovers_with(poisson_ratio, &format!("{name}, ν = {poisson_ratio}"), &distort);
+    }
+}
+
+fn recovers_with(poisson_ratio: f64, name: &str, distort: &impl Fn(usize, [f32; 3]) -> [f32; 3]) {
+    let mut body = body(poisson_ratio);
     for node in 0..body.position_m.len() {
         if !body.model.is_held(node) {
             body.position_m[node] = distort(node, body.position_m[node]);
@@ -91,8 +100,8 @@ fn an_irregular_mesh_that_was_pressed_comes_to_rest() {
 
 #[test]
 fn scrambled_starts_never_gain_energy() {
-    for seed in 0..4 {
-        let mut body = body();
+    for (seed, poisson_ratio) in (0..4).flat_map(|seed| POISSON_RATIOS.map(|ratio| (seed, ratio))) {
+        let mut body = body(poisson_ratio);
         let mut random = noise(seed);
         for node in (0..body.position_m.len()).filter(|&node| body.model.rest_m()[node][2] > 0.0) {
             body.position_m[node] = [0.006 + 0.006 * random(), 0.006 + 0.006 * random(), 0.005 + 0.005 * random()];
@@ -112,7 +121,7 @@ fn scrambled_starts_never_gain_energy() {
 
 #[test]
 fn forces_and_states_that_are_no_numbers_are_neutralised_and_counted() {
-    let (mut hurt, mut whole) = (body(), body());
+    let (mut hurt, mut whole) = (body(0.45), body(0.45));
     let nodes = hurt.force_n.len();
     hurt.force_n[nodes - 1] = [f32::NAN, 1.0, 0.0];
     hurt.force_n[nodes - 2] = [f32::INFINITY, 0.0, f32::NEG_INFINITY];
@@ -154,8 +163,9 @@ proptest! {
         targets in prop::collection::vec(prop::array::uniform3(wild()), 100),
         spring in (prop::array::uniform4(0u32..120), prop::array::uniform4(wild()), prop::array::uniform3(wild()), wild(), wild()),
         dt_s in prop_oneof![1e-6f32..0.004, Just(1e-12f32)],
+        poisson_ratio in prop::sample::select(&POISSON_RATIOS),
     ) {
-        let mut body = body();
+        let mut body = body(poisson_ratio);
         body.position_m.copy_from_slice(&positions);
         body.velocity_m_s.copy_from_slice(&velocities);
         let (nodes, weights, normal, offset_m, stiffness_n_m) = spring;
@@ -182,7 +192,7 @@ proptest! {
 
 #[test]
 fn a_state_of_another_model_and_an_impossible_step_are_refused() {
-    let mut body = body();
+    let mut body = body(0.49);
     let (mut x, mut v) = (body.position_m.clone(), body.velocity_m_s.clone());
     let now = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
     let mut input = StepInput { external_force_n: &[[0.0; 3]; 7], ..StepInput::default() };
@@ -194,6 +204,10 @@ fn a_state_of_another_model_and_an_impossible_step_are_refused() {
         let next = StateMut { position_m: &mut x, velocity_m_s: &mut v };
         assert!(matches!(step(&body.model, &mut body.scratch, now, &input, next), Err(StepError::Step(_))), "{dt_s}");
     }
+    input.dt_s = 1e-3;
+    let mut scratch = Scratch::new(&self::body(0.45).model);
+    let other = step(&body.model, &mut scratch, now, &input, StateMut { position_m: &mut x, velocity_m_s: &mut v });
+    assert!(matches!(other, Err(StepError::Length { what: "scratch (volumes)", .. })), "{other:?}");
 }
 
 #[test]

@@ -22,7 +22,11 @@ fn end_faces(mesh: &TetMesh, axis: usize, top: f32) -> Vec<[u32; 3]> {
 
 #[test]
 fn a_bar_under_tension_stretches_and_thins_by_theory() {
-    let (young, nu, pull_pa) = (10_000.0, 0.4, 200.0);
+    [0.0, 0.4, 0.46, 0.49].into_iter().for_each(bar_under_tension);
+}
+
+fn bar_under_tension(nu: f64) {
+    let (young, pull_pa) = (10_000.0, 200.0);
     let mesh = block([3, 3, 6], 0.004);
     let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
     let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).unwrap();
@@ -40,8 +44,35 @@ fn a_bar_under_tension_stretches_and_thins_by_theory() {
     let strain = extent(2) / 0.024 - 1.0;
     let thinning = extent(0) / 0.012 - 1.0;
     let expected = pull_pa / young;
-    assert!((strain / expected - 1.0).abs() < 0.003, "strain {strain}, theory {expected}");
-    assert!((thinning / (-nu * expected) - 1.0).abs() < 0.005, "thinning {thinning}, theory {}", -nu * expected);
+    assert!((strain / expected - 1.0).abs() < 0.003, "ν = {nu}: strain {strain}, theory {expected}");
+    let off = thinning + nu * expected;
+    assert!(off.abs() < 0.002 * expected, "ν = {nu}: thinning {thinning}, theory {}", -nu * expected);
+}
+
+#[test]
+fn a_block_under_pressure_from_all_sides_shrinks_by_its_bulk_modulus() {
+    let (young, pressure_pa, side_m) = (10_000.0, 1_000.0, 0.012);
+    for nu in [0.3, 0.45, 0.46, 0.49] {
+        let mesh = block([3, 3, 3], 0.004);
+        let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
+        let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).unwrap();
+        let mut body = Body::new(model);
+        for axis in 0..3 {
+            let faces = end_faces(&mesh, axis, side_m as f32);
+            assert_eq!(faces.len(), 36);
+            let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![pressure_pa as f32; faces.len()], &mut body.force_n);
+            assert_eq!(skipped, 0);
+        }
+        for _ in 0..1500 {
+            body.step();
+        }
+        let last = mesh.positions_m.len() - 1;
+        let expected = pressure_pa * (1.0 - 2.0 * nu) / young;
+        for axis in 0..3 {
+            let shrunk = 1.0 - f64::from(body.position_m[last][axis] - body.position_m[0][axis]) / side_m;
+            assert!((shrunk / expected - 1.0).abs() < 0.01, "ν = {nu}, axis {axis}: {shrunk}, theory {expected}");
+        }
+    }
 }
 
 /// Linear elasticity on the same mesh: applies K to `u` (3 per node), nodes that `fixed` names stay 0. With `frozen` the shear

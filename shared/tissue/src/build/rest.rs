@@ -67,6 +67,8 @@ pub(super) struct Rest {
     pub shortest_edge_m: f64,
     pub mu_pa: f64,
     pub lambda_pa: f64,
+    /// Whether its nodes hold its volume.
+    pub is_held_by_nodes: bool,
     /// Below [`FLAT_QUALITY`].
     pub is_flat: bool,
 }
@@ -86,7 +88,7 @@ pub(super) struct Lane {
 /// Both of one tet.
 pub(super) fn both_of(shape: &Shape, material: &Material) -> (Rest, Lane) {
     let rest = Rest::of(shape, material);
-    (rest, Lane::of(shape, rest.mu_pa, rest.lambda_pa))
+    (rest, Lane::of(shape, &rest))
 }
 
 impl Rest {
@@ -104,14 +106,16 @@ impl Rest {
             shortest_edge_m: shape.shortest_edge_m,
             mu_pa,
             lambda_pa,
+            is_held_by_nodes: material.is_nearly_incompressible(),
             is_flat: shape.is_flat,
         }
     }
 }
 
 impl Lane {
-    fn of(shape: &Shape, mu_pa: f64, lambda_pa: f64) -> Lane {
-        let two_mu_pa = 2.0 * mu_pa;
+    fn of(shape: &Shape, rest: &Rest) -> Lane {
+        let (two_mu_pa, lambda_pa) = (2.0 * rest.mu_pa, if rest.is_held_by_nodes { 0.0 } else { rest.lambda_pa });
+        let half_inv_lambda = 0.5 * (lambda_pa as f32).max(LAMBDA_MIN_PA).recip();
         let metric = shape.inv_edges * shape.inv_edges.transpose() * (two_mu_pa * shape.volume_m3);
         Lane {
             metric: [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|place| metric[place] as f32),
@@ -120,7 +124,7 @@ impl Lane {
             two_mu: two_mu_pa as f32,
             inv_edges: [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|index| shape.inv_edges[(index / 3, index % 3)] as f32),
             volume: shape.volume_m3 as f32,
-            half_inv_lambda: 0.5 * (lambda_pa as f32).max(LAMBDA_MIN_PA).recip(),
+            half_inv_lambda: if rest.is_held_by_nodes { 0.0 } else { half_inv_lambda },
         }
     }
 }

@@ -4,6 +4,7 @@
 
 use super::rest::Rest;
 use crate::bed::Bed;
+use crate::bulk::BulkSum;
 use hyst_mesh::TetMesh;
 
 /// What the tets of a node give it.
@@ -29,6 +30,8 @@ pub(super) struct Sums {
     pub nodes: Vec<NodeSum>,
     /// Stiffness of the bed at each node, N/m; empty where there is no bed.
     bed_n_m: Vec<f64>,
+    /// What the tets about each node come to whose volume it holds; empty where there are none.
+    pub bulk: Vec<BulkSum>,
     /// The flat tets.
     pub flat: Vec<usize>,
     pub volume_m3: f64,
@@ -38,10 +41,11 @@ pub(super) struct Sums {
 impl Sums {
     /// Makes them anew.
     pub fn add_up(&mut self, mesh: &TetMesh, rest: &[Rest]) {
-        let Sums { nodes, bed_n_m, flat, .. } = self;
+        let Sums { nodes, bed_n_m, bulk, flat, .. } = self;
         nodes.clear();
         nodes.resize(mesh.positions_m.len(), NodeSum::default());
         bed_n_m.clear();
+        bulk.clear();
         flat.clear();
         let (mut volume_m3, mut shortest_edge_m) = (0.0f64, f64::INFINITY);
         let nodes = &mut nodes[..];
@@ -55,6 +59,10 @@ impl Sums {
             if rest.corner_bed_n_m > 0.0 {
                 bed_n_m.resize(nodes.len(), 0.0);
                 tet.iter().for_each(|&node| bed_n_m[node as usize] += rest.corner_bed_n_m);
+            }
+            if rest.is_held_by_nodes {
+                bulk.resize(nodes.len(), BulkSum::NONE);
+                tet.iter().for_each(|&node| bulk[node as usize].add(rest.volume_m3, rest.lambda_pa, rest.mu_pa));
             }
             if rest.is_flat {
                 flat.push(index);
