@@ -8,6 +8,8 @@
 //! node's tets. A tet is under the mean pressure of its corners. Promise: the second derivative is no larger than if each tet held its own volume with its
 //! own λ (Jensen), from which [`bound`](crate::bound) starts, and no pressure is above the 2μ of any tet that it acts on.
 
+#![allow(clippy::needless_range_loop)] // indices are those of the formulas
+
 use crate::kernel::{Frame, edges};
 use crate::lanes::{F, Lanes};
 use crate::layout::{self, Block, LANES, Nodes, RestBlock, Row};
@@ -99,9 +101,9 @@ impl Bulk {
             for half in 0..LANES / S::F32_LANES {
                 let edges = edges(simd, position, corners, half);
                 let mut trace = zero;
-                for (j, edge) in edges.iter().enumerate() {
-                    for (k, part) in edge.iter().enumerate() {
-                        trace = part.fma(F::load(simd, &frame.q[3 * k + j], half), trace);
+                for j in 0..3 {
+                    for k in 0..3 {
+                        trace = edges[j][k].fma(F::load(simd, &frame.q[3 * k + j], half), trace);
                     }
                 }
                 let grown = three.nfma(F::load(simd, &rest.volume, half), trace) * F::load(simd, share, half);
@@ -183,6 +185,6 @@ impl Bulk {
 /// The mean pressure of a half block's corners, of which each node has a quarter.
 #[inline(always)]
 fn mean<S: Lanes, N: Nodes + ?Sized>(simd: S, rows: &N, corners: &[[N::Number; LANES]; 4], half: usize) -> F<S> {
-    let [a, b, c, d] = [0, 1, 2, 3].map(|corner| simd.gather(rows, &corners[corner], half)[0]);
-    (a + b) + (c + d)
+    let one = simd.gather(rows, &corners[0], half)[0] + simd.gather(rows, &corners[1], half)[0];
+    one + (simd.gather(rows, &corners[2], half)[0] + simd.gather(rows, &corners[3], half)[0])
 }
