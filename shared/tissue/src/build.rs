@@ -225,7 +225,14 @@ fn omega_rest_per_s(
 ) -> Result<f64, ModelError> {
     let element = |(tet, data): (usize, &Rest)| {
         let (nodes, Rest { volume_m3, mu_pa, lambda_pa, is_held_by_nodes, .. }) = (&mesh.tets[tet], *data);
-        Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element { nodes, gradients, volume_m3, mu_pa, lambda_pa, is_held_by_nodes })
+        Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element {
+            nodes,
+            gradients,
+            volume_m3,
+            mu_pa,
+            lambda_pa,
+            is_held_by_nodes,
+        })
     };
     let elements: Vec<Element<'_>> = rest.iter().enumerate().map(element).collect::<Result<_, _>>()?;
     let mut outside_n_m = vec![options.contact_stiffness_n_m; mass.len()];

@@ -62,7 +62,12 @@ impl Frame {
 
 /// The three edges from corner 0: `edges[i]` is the edge to corner i + 1.
 #[inline(always)]
-pub(crate) fn edges<S: Lanes, N: Nodes + ?Sized>(simd: S, nodes: &N, corners: &[[N::Number; LANES]; 4], half: usize) -> [V3<S>; 3] {
+pub(crate) fn edges<S: Lanes, N: Nodes + ?Sized>(
+    simd: S,
+    nodes: &N,
+    corners: &[[N::Number; LANES]; 4],
+    half: usize,
+) -> [V3<S>; 3] {
     let origin = simd.gather(nodes, &corners[0], half);
     let one = simd.gather(nodes, &corners[1], half);
     let two = simd.gather(nodes, &corners[2], half);

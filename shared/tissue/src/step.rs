@@ -282,7 +282,8 @@ fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N:
     let Scratch { position, velocity, force, external, frames, bulk, load_n_m, ready, .. } = scratch;
     let (grip, rows) = (Grip { model, load_n_m, substep_s }, external.len());
     let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
-    let mut sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
+    let mut sums =
+        kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
     if let Some(held) = &model.bulk {
         held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
         sums.energy_j.0[0] += held.energy_j(bulk);

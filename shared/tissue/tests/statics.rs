@@ -50,8 +50,9 @@ fn bar_under_tension(nu: f64) {
 }
 
 #[test]
-fn a_block_under_pressure_from_all_sides_shrinks_by_its_bulk_modulus() {
-    let (young, pressure_pa, side_m) = (10_000.0, 1_000.0, 0.012);
+fn a_block_that_is_pulled_on_all_sides_grows_by_its_bulk_modulus() {
+    // Pulled and not pressed: forces that stay as they are would turn a free block that is pressed.
+    let (young, pull_pa, side_m) = (10_000.0, 1_000.0, 0.012);
     for nu in [0.3, 0.45, 0.46, 0.49] {
         let mesh = block([3, 3, 3], 0.004);
         let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
@@ -60,17 +61,17 @@ fn a_block_under_pressure_from_all_sides_shrinks_by_its_bulk_modulus() {
         for axis in 0..3 {
             let faces = end_faces(&mesh, axis, side_m as f32);
             assert_eq!(faces.len(), 36);
-            let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![pressure_pa as f32; faces.len()], &mut body.force_n);
+            let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![-pull_pa as f32; faces.len()], &mut body.force_n);
             assert_eq!(skipped, 0);
         }
         for _ in 0..1500 {
             body.step();
         }
         let last = mesh.positions_m.len() - 1;
-        let expected = pressure_pa * (1.0 - 2.0 * nu) / young;
+        let expected = pull_pa * (1.0 - 2.0 * nu) / young;
         for axis in 0..3 {
-            let shrunk = 1.0 - f64::from(body.position_m[last][axis] - body.position_m[0][axis]) / side_m;
-            assert!((shrunk / expected - 1.0).abs() < 0.01, "ν = {nu}, axis {axis}: {shrunk}, theory {expected}");
+            let grown = f64::from(body.position_m[last][axis] - body.position_m[0][axis]) / side_m - 1.0;
+            assert!((grown / expected - 1.0).abs() < 0.01, "ν = {nu}, axis {axis}: {grown}, theory {expected}");
         }
     }
 }

@@ -31,6 +31,8 @@ const SHORT_STEP_TICKS: u32 = 4;
 pub const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
+/// Ticks that one may be behind where steps are short: it leaps over more.
+const BEHIND_TICKS: u64 = 32;
 /// States in a row of a newcomer whose step is of another length than the old engine's, or whose mesh is another one than that which the old engine makes of
 /// the same state, after which it is said that there is nothing to compare.
 const MOST_UNLIKE: u32 = 30;
@@ -251,7 +253,9 @@ impl Pairs {
             (false, true) => {
                 let tick = self.line;
                 self.line = tick.max(header.tick);
-                tick != 0 && header.tick > tick.saturating_add(LOST * step)
+                let lost = LOST * step;
+                let lost = if header.step_ticks <= SHORT_STEP_TICKS { lost.min(BEHIND_TICKS) } else { lost };
+                tick != 0 && header.tick > tick.saturating_add(lost)
             }
             _ => false,
         };

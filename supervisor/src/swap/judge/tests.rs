@@ -276,3 +276,19 @@ fn contact_models_that_are_out_of_tolerance_now_and_then_are_too_many_beside_sta
     assert!(few.into_iter().all(|bad_of| !are_too_many(bad_of)));
     assert!([[4, 30], [3, 29], [11, 100]].map(are_too_many) == [true, false, true]);
 }
+
+/// One of steps of four ticks that is more than 32 behind leaps over fewer states than a look that is late may lose of one whose steps are shorter.
+#[test]
+fn an_old_tissue_that_leaps_is_seen_to_whatever_the_length_of_its_steps() {
+    for step_ticks in [1_u32, 2, 4] {
+        let mut pairs = Pairs::default();
+        let mut take = |tick: u32| {
+            let mut elder = tissue([SHADOW_EPOCH, WRITERS[0], 1], u64::from(tick), 4);
+            hyst_messages::stream::change_header(&mut elder, |header| header.step_ticks = step_ticks);
+            pairs.take(Kind::TissueState, &elder, WRITERS[1]);
+            pairs.seen().leapt
+        };
+        assert!(!take(40) && !take(40 + step_ticks) && !take(40 + 9 * step_ticks), "{step_ticks}: some were not seen");
+        assert!(take(40 + 9 * step_ticks + 32 + step_ticks), "{step_ticks}");
+    }
+}
