@@ -15,11 +15,13 @@ use nalgebra::{Matrix3, Vector3};
 const MOST_ROUNDS: usize = 40;
 /// What rounding makes of a stretch that is none: corners in single precision.
 const ROUNDING: f64 = 1e-6;
+/// λ over 2μ of the material with the highest Poisson's ratio, 0.49: what rounding makes of a pressure.
+const MOST_BULK: f64 = 24.5;
 /// Square of what a round changes at last: the next one would change nothing in double precision.
 const NO_CHANGE: f64 = 1e-18;
 
 /// Adds the forces that hold each node against the elastic forces at `position_m`, N. Tets that the shape presses together or turns inside out add nothing,
-/// and resist it; nor do those whose corners are all at rest.
+/// and resist it; nor do those whose corners are all at rest, if their nodes are under no pressure either.
 ///
 /// Returns how many tets were left out because they resist, or because a corner is beyond one of the slices.
 pub fn holding_forces(model: &Model, position_m: &[[f32; 3]], out_n: &mut [[f32; 3]]) -> usize {
@@ -103,7 +105,7 @@ fn edges_m(nodes: [usize; 4], position_m: &[[f32; 3]]) -> Matrix3<f64> {
 fn stress_pa(deformation: &Matrix3<f64>, [lambda_pa, two_mu_pa]: [f64; 2], shared_pa: f64) -> Option<Matrix3<f64>> {
     let rotation = if deformation.determinant() > 0.0 { rotation(deformation)? } else { return None };
     let stretch = (rotation.transpose() * deformation).trace() - 3.0;
-    if stretch < -ROUNDING || shared_pa < -ROUNDING * two_mu_pa {
+    if stretch < -ROUNDING || shared_pa < -ROUNDING * MOST_BULK * two_mu_pa {
         return None;
     }
     let pressure_pa = (lambda_pa * stretch).min(two_mu_pa) + shared_pa;

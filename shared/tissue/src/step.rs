@@ -54,7 +54,8 @@ impl Scratch {
         scratch
     }
 
-    /// Goes on as working memory for another model, with what memory there is: what tets are looked up in is half a MiB twice, whatever of it a model uses.
+    /// Goes on as working memory for another model, with what memory there is: what tets are looked up in is half a MiB twice, or three times where nodes hold
+    /// volume, whatever of it a model uses.
     pub fn fit(&mut self, model: &Model) {
         let nodes = model.node_count();
         let (rows, looked_up) = (layout::node_rows(nodes), layout::looked_up_rows(nodes, &model.corners));

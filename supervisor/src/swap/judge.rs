@@ -265,7 +265,8 @@ impl Pairs {
     }
 
     fn part_at(&mut self, tick: u64) {
-        (self.leapt, self.has_leapt) = (Some(tick), true);
+        // An elder that is behind may tell of an older tick than what is waited for.
+        (self.leapt, self.has_leapt) = (self.leapt.max(Some(tick)), true);
         self.waiting.clear();
     }
 

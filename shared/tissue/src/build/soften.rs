@@ -38,11 +38,15 @@ pub(super) fn flat_tets(
             let allowed_n_m = FLAT_SHARE * allowed_per_s.powi(2) * sums.nodes[node].mass[0] / f64::from(flat_at[node]);
             if fixed[node] { f64::INFINITY } else { (allowed_n_m / stiffness[0]).min(allowed_n_m / stiffness[1]) }
         };
-        let corners = mesh.tets[tet].iter().zip(&kept.rest[tet].corner_stiffness_n_m);
-        let share = corners.map(of_corner).fold(f64::INFINITY, f64::min);
+        let share_of =
+            |stiffness_n_m: &[[f64; 2]; 4]| mesh.tets[tet].iter().zip(stiffness_n_m).map(of_corner).fold(f64::INFINITY, f64::min);
+        let share = share_of(&kept.rest[tet].corner_stiffness_n_m);
         let material = mesh.regions.get(tet).and_then(|region| materials.of(*region)).filter(|_| share < 1.0);
         if let Some(material) = material {
-            let (rest, lane) = rest::both_of(&Shape::of(mesh, tet)?, &material.softened(share));
+            let shape = Shape::of(mesh, tet)?;
+            // One that holds its own volume bears more of its stiffness than one whose nodes hold it.
+            let (own, _) = rest::both_of(&shape, &material.softened(1.0));
+            let (rest, lane) = rest::both_of(&shape, &material.softened(share_of(&own.corner_stiffness_n_m).min(1.0)));
             softened.push((tet, rest, lane));
         }
     }
