@@ -30,6 +30,7 @@ use hyst_messages::mischief::Outlet;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Message, Role, Slot, TICK_NS};
+pub use trial::MOST_BEHIND_TICKS;
 
 /// Part of a period after which a spare takes a step for missing: the state of a period must be there this long after the period's end.
 pub const SPARE_PHASE: f64 = 0.6;

@@ -35,12 +35,17 @@ impl BulkSum {
         self.lambda_pa = self.lambda_pa.min(lambda_pa);
         self.mu_pa = self.mu_pa.min(mu_pa);
     }
+
+    /// λ over the volume, by which what the tets have grown is the node's pressure, Pa/m³; 0 where it holds none.
+    pub fn pa_per_m3(&self) -> f64 {
+        if self.volume_m3 > 0.0 { self.lambda_pa / self.volume_m3 } else { 0.0 }
+    }
 }
 
 /// How a node holds the volume about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct NodeBulk {
-    /// λ over the volume of its tets, Pa/m³; 0 where it holds none.
+    /// As of the sum.
     pub pa_per_m3: f32,
     /// Most pressure, Pa.
     pub most_pa: f32,
@@ -48,11 +53,8 @@ pub(crate) struct NodeBulk {
 
 impl NodeBulk {
     fn of(sum: &BulkSum) -> NodeBulk {
-        if sum.volume_m3 > 0.0 {
-            NodeBulk { pa_per_m3: (sum.lambda_pa / sum.volume_m3) as f32, most_pa: (2.0 * sum.mu_pa) as f32 }
-        } else {
-            NodeBulk { pa_per_m3: 0.0, most_pa: 0.0 }
-        }
+        let most_pa = if sum.volume_m3 > 0.0 { 2.0 * sum.mu_pa } else { 0.0 };
+        NodeBulk { pa_per_m3: sum.pa_per_m3() as f32, most_pa: most_pa as f32 }
     }
 }
 

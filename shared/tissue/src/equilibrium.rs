@@ -8,6 +8,7 @@
 //! + − × ÷ alone and in the order of the model's blocks, so that the bits depend on model and shape alone, whatever the instruction set.
 
 use crate::layout::{self, Corners, LANES, RestBlock};
+use crate::material::POISSON_RATIO_MAX;
 use crate::model::Model;
 use nalgebra::{Matrix3, Vector3};
 
@@ -15,8 +16,8 @@ use nalgebra::{Matrix3, Vector3};
 const MOST_ROUNDS: usize = 40;
 /// What rounding makes of a stretch that is none: corners in single precision.
 const ROUNDING: f64 = 1e-6;
-/// λ over 2μ of the material with the highest Poisson's ratio, 0.49: what rounding makes of a pressure.
-const MOST_BULK: f64 = 24.5;
+/// λ over 2μ of the material with the highest Poisson's ratio: what rounding makes of a pressure.
+const MOST_BULK: f64 = POISSON_RATIO_MAX / (1.0 - 2.0 * POISSON_RATIO_MAX);
 /// Square of what a round changes at last: the next one would change nothing in double precision.
 const NO_CHANGE: f64 = 1e-18;
 

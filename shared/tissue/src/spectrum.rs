@@ -26,7 +26,8 @@ pub(crate) struct Element<'a> {
     pub is_held_by_nodes: bool,
 }
 
-/// Largest angular frequency, 1/s; 0 if every node is held. `bulk`: how nodes hold the volume of tets; empty if none does. `outside_n_m`: stiffness of what acts on each node from outside, which is asked of free ones.
+/// Largest angular frequency, 1/s; 0 if every node is held. `bulk`: how nodes hold the volume of tets; empty if none does.
+/// `outside_n_m`: stiffness of what acts on each node from outside, which is asked of free ones.
 pub(crate) fn omega_per_s(
     (elements, bulk): (&[Element<'_>], &[BulkSum]),
     mass_kg: &[f64],
@@ -87,9 +88,7 @@ fn pressures_pa(elements: &[Element<'_>], bulk: &[BulkSum], shape: &[Vector3<f64
             element.nodes.iter().zip(&element.gradients).map(|(&node, slope)| shape[node as usize].dot(slope)).sum();
         element.nodes.iter().for_each(|&node| grown_m3[node as usize] += dilation * element.volume_m3);
     }
-    let pressure_pa =
-        |(grown_m3, sum): (&f64, &BulkSum)| if sum.volume_m3 > 0.0 { sum.lambda_pa * grown_m3 / sum.volume_m3 } else { 0.0 };
-    grown_m3.iter().zip(bulk).map(pressure_pa).collect()
+    grown_m3.iter().zip(bulk).map(|(grown_m3, sum)| sum.pa_per_m3() * grown_m3).collect()
 }
 
 /// Adds the element's frozen stiffness times `shape`.

@@ -285,20 +285,18 @@ fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N:
     let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
     let mut sums =
         kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
-    if let Some(held) = &model.bulk {
-        held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
-        sums.energy_j.0[0] += held.energy_j(bulk);
-        held.brake::<S, N>(simd, corners, blocks, bulk, frames);
-        held.add_forces(simd, corners, &frames[..], bulk, N::of_mut(force));
-    }
     for substep in 0..=substeps {
         // Those of the first came with the rotations.
         if substep > 0 {
             kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
-            if let Some(held) = &model.bulk {
-                held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
-                held.add_forces(simd, corners, &frames[..], bulk, N::of_mut(force));
+        }
+        if let Some(held) = &model.bulk {
+            held.find_pressures(simd, corners, (rest, &frames[..]), N::of(position), bulk);
+            if substep == 0 {
+                sums.energy_j.0[0] += held.energy_j(bulk);
+                held.brake::<S, N>(simd, corners, blocks, bulk, frames);
             }
+            held.add_forces(simd, corners, &frames[..], bulk, N::of_mut(force));
         }
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);

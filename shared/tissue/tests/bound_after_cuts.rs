@@ -36,16 +36,12 @@ fn turned(mesh: &TetMesh, is_turned: bool, seed: u64) -> (Vec<Turned>, Vec<f64>)
     let (materials, mut random) = (materials(), noise(seed));
     let mut outside_n_m = vec![CONTACT_N_M; mesh.positions_m.len()];
     let tets = mesh.tets.iter().zip(&mesh.regions).map(|(tet, region)| {
-        let [a, b, c, d] = tet.map(|node| Vector3::from(mesh.positions_m[node as usize].map(f64::from)));
-        let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
-        let inverse = edges.try_inverse().unwrap();
-        let row = |index: usize| inverse.row(index).transpose();
-        let (material, volume_m3) = (&materials[*region as usize], edges.determinant() / 6.0);
+        let (material, (gradients, volume_m3)) = (&materials[*region as usize], common::gradients(mesh, tet));
         tet.iter().for_each(|node| outside_n_m[*node as usize] += material.bed_n_m4() * volume_m3 / 4.0);
         let axis = Vector3::from_fn(|_, _| 3.0 * f64::from(random()));
         Turned {
             nodes: tet.map(|node| node as usize),
-            gradients: [-(row(0) + row(1) + row(2)), row(0), row(1), row(2)],
+            gradients,
             volume_m3,
             lame_pa: [material.lame_lambda_pa(), material.shear_modulus_pa()],
             turn: if is_turned { *Rotation3::new(axis).matrix() } else { Matrix3::identity() },

@@ -20,6 +20,26 @@ fn end_faces(mesh: &TetMesh, axis: usize, top: f32) -> Vec<[u32; 3]> {
     triangles
 }
 
+/// How far a free block of cubes of 4 mm reaches along each axis once it is at rest, pulled on both ends of some of them, m.
+fn pulled_m(cells: [u32; 3], material: &Material, pull_pa: f64, axes: &[usize]) -> [f64; 3] {
+    const EDGE_M: f32 = 0.004;
+    let mesh = block(cells, EDGE_M);
+    let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], material, options()).unwrap();
+    let mut body = Body::new(model);
+    for &axis in axes {
+        let faces = end_faces(&mesh, axis, cells[axis] as f32 * EDGE_M);
+        assert_eq!(faces.len(), 36);
+        // Seen from outside, so that a negative pressure pulls on both ends.
+        let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![-pull_pa as f32; faces.len()], &mut body.force_n);
+        assert_eq!(skipped, 0);
+    }
+    for _ in 0..1500 {
+        body.step();
+    }
+    let last = mesh.positions_m.len() - 1;
+    [0, 1, 2].map(|axis| f64::from(body.position_m[last][axis] - body.position_m[0][axis]))
+}
+
 #[test]
 fn a_bar_under_tension_stretches_and_thins_by_theory() {
     [0.0, 0.4, 0.46, 0.49].into_iter().for_each(bar_under_tension);
@@ -27,22 +47,9 @@ fn a_bar_under_tension_stretches_and_thins_by_theory() {
 
 fn bar_under_tension(nu: f64) {
     let (young, pull_pa) = (10_000.0, 200.0);
-    let mesh = block([3, 3, 6], 0.004);
-    let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
-    let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).unwrap();
-    let mut body = Body::new(model);
-    let faces = end_faces(&mesh, 2, 0.024);
-    assert_eq!(faces.len(), 36);
-    // Seen from outside, so that a negative pressure pulls on both ends.
-    let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![-pull_pa as f32; faces.len()], &mut body.force_n);
-    assert_eq!(skipped, 0);
-    for _ in 0..1500 {
-        body.step();
-    }
-    let last = mesh.positions_m.len() - 1;
-    let extent = |axis: usize| f64::from(body.position_m[last][axis] - body.position_m[0][axis]);
-    let strain = extent(2) / 0.024 - 1.0;
-    let thinning = extent(0) / 0.012 - 1.0;
+    let extent_m = pulled_m([3, 3, 6], &Material::new(young, nu, 1000.0, 80.0).unwrap(), pull_pa, &[2]);
+    let strain = extent_m[2] / 0.024 - 1.0;
+    let thinning = extent_m[0] / 0.012 - 1.0;
     let expected = pull_pa / young;
     assert!((strain / expected - 1.0).abs() < 0.003, "ν = {nu}: strain {strain}, theory {expected}");
     let off = thinning + nu * expected;
@@ -52,25 +59,12 @@ fn bar_under_tension(nu: f64) {
 #[test]
 fn a_block_that_is_pulled_on_all_sides_grows_by_its_bulk_modulus() {
     // Pulled and not pressed: forces that stay as they are would turn a free block that is pressed.
-    let (young, pull_pa, side_m) = (10_000.0, 1_000.0, 0.012);
+    let (young, pull_pa) = (10_000.0, 1_000.0);
     for nu in [0.3, 0.45, 0.46, 0.49] {
-        let mesh = block([3, 3, 3], 0.004);
-        let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
-        let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).unwrap();
-        let mut body = Body::new(model);
-        for axis in 0..3 {
-            let faces = end_faces(&mesh, axis, side_m as f32);
-            assert_eq!(faces.len(), 36);
-            let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![-pull_pa as f32; faces.len()], &mut body.force_n);
-            assert_eq!(skipped, 0);
-        }
-        for _ in 0..1500 {
-            body.step();
-        }
-        let last = mesh.positions_m.len() - 1;
+        let extent_m = pulled_m([3, 3, 3], &Material::new(young, nu, 1000.0, 80.0).unwrap(), pull_pa, &[0, 1, 2]);
         let expected = pull_pa * (1.0 - 2.0 * nu) / young;
-        for axis in 0..3 {
-            let grown = f64::from(body.position_m[last][axis] - body.position_m[0][axis]) / side_m - 1.0;
+        for (axis, extent_m) in extent_m.into_iter().enumerate() {
+            let grown = extent_m / 0.012 - 1.0;
             assert!((grown / expected - 1.0).abs() < 0.01, "ν = {nu}, axis {axis}: {grown}, theory {expected}");
         }
     }
@@ -104,17 +98,10 @@ fn apply_linear(frozen: bool, mesh: &TetMesh, fixed: &[bool], mu: f64, lambda: f
 
 /// The same with frozen rotations, where the mean dilation about each node is what λ resists.
 fn apply_by_nodes(mesh: &TetMesh, fixed: &[bool], mu: f64, lambda: f64, u: &[f64]) -> Vec<f64> {
-    use nalgebra::{Matrix3, Vector3};
-    let shape = |tet: &[u32; 4]| {
-        let x = tet.map(|node| Vector3::from(mesh.positions_m[node as usize].map(f64::from)));
-        let edges = Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
-        let inverse = edges.try_inverse().unwrap();
-        let row = |i: usize| inverse.row(i).transpose();
-        ([-(row(0) + row(1) + row(2)), row(0), row(1), row(2)], edges.determinant() / 6.0)
-    };
+    use nalgebra::Vector3;
     let (mut grown, mut volumes) = (vec![0.0; fixed.len()], vec![0.0; fixed.len()]);
     for tet in &mesh.tets {
-        let (gradients, volume) = shape(tet);
+        let (gradients, volume) = common::gradients(mesh, tet);
         let at = |corner: usize| Vector3::from_row_slice(&u[3 * tet[corner] as usize..][..3]);
         let dilation: f64 = (0..4).map(|corner| gradients[corner].dot(&at(corner))).sum();
         tet.iter().for_each(|&node| grown[node as usize] += dilation * volume);
@@ -122,7 +109,7 @@ fn apply_by_nodes(mesh: &TetMesh, fixed: &[bool], mu: f64, lambda: f64, u: &[f64
     }
     let mut out = apply_linear(true, mesh, fixed, mu, 0.0, u);
     for tet in &mesh.tets {
-        let (gradients, volume) = shape(tet);
+        let (gradients, volume) = common::gradients(mesh, tet);
         let pressure = tet.iter().map(|&node| lambda * grown[node as usize] / volumes[node as usize] / 4.0).sum::<f64>();
         for (&node, gradient) in tet.iter().zip(&gradients).filter(|(node, _)| !fixed[**node as usize]) {
             (0..3).for_each(|axis| out[3 * node as usize + axis] += pressure * volume * gradient[axis]);

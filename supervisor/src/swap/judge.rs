@@ -6,6 +6,7 @@ mod inputs;
 #[cfg(test)]
 mod tests;
 
+use hyst_engine::stateful::MOST_BEHIND_TICKS;
 use hyst_exchange::{Links, ReadPage, Station, StationPage, Subscriber, system};
 use hyst_messages::page::tissue;
 use hyst_messages::tolerance::{Deviation, SHADOW_EPOCH, compare, compare_models};
@@ -31,8 +32,6 @@ const SHORT_STEP_TICKS: u32 = 4;
 pub const FORGET_TICKS: u64 = 250;
 /// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
 const LOST: u64 = 16;
-/// Ticks that one may be behind where steps are short: it leaps over more.
-const BEHIND_TICKS: u64 = 32;
 /// States in a row of a newcomer whose step is of another length than the old engine's, or whose mesh is another one than that which the old engine makes of
 /// the same state, after which it is said that there is nothing to compare.
 const MOST_UNLIKE: u32 = 30;
@@ -254,7 +253,7 @@ impl Pairs {
                 let tick = self.line;
                 self.line = tick.max(header.tick);
                 let lost = LOST * step;
-                let lost = if header.step_ticks <= SHORT_STEP_TICKS { lost.min(BEHIND_TICKS) } else { lost };
+                let lost = if header.step_ticks <= SHORT_STEP_TICKS { lost.min(MOST_BEHIND_TICKS) } else { lost };
                 tick != 0 && header.tick > tick.saturating_add(lost)
             }
             _ => false,

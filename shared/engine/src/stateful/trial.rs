@@ -32,7 +32,7 @@ const fn misses_of_the_line(step_ticks: u64) -> u32 {
     if step_ticks <= SHORT_STEP_TICKS { 100 } else { 3 }
 }
 /// Ticks that the line may be behind; then it leaps over them, as a holder does. The device's ring has the inputs of the last 64.
-const MOST_BEHIND_TICKS: u64 = 32;
+pub const MOST_BEHIND_TICKS: u64 = 32;
 /// How often a guest takes the role: what it loses to a stall of the machine it may take again; the policy counts, too.
 const MOST_TURNS: u32 = 8;
 /// How long a guest that lost the role waits before it takes it again, ns: one stall of the machine costs it one of its turns and not all.

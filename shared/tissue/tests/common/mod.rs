@@ -8,6 +8,7 @@ pub use noise::noise;
 
 use hyst_mesh::TetMesh;
 use hyst_tissue::{Model, Options, Scratch, StateMut, StateRef, StepInput, StepReport, step};
+use nalgebra::{Matrix3, Vector3};
 
 /// A block of `cells` cubes with edge `edge_m`, each cut into 6 tets along its diagonal; lowest corner in the origin.
 pub fn block(cells: [u32; 3], edge_m: f32) -> TetMesh {
@@ -60,6 +61,15 @@ pub fn with_flat_tets(mut mesh: TetMesh, nth: usize, height: f32) -> TetMesh {
         mesh.regions.extend([mesh.regions[tet]; 3]);
     }
     mesh
+}
+
+/// The shape gradients of a tet, 1/m, and its volume, m³, in double precision.
+pub fn gradients(mesh: &TetMesh, tet: &[u32; 4]) -> ([Vector3<f64>; 4], f64) {
+    let [a, b, c, d] = tet.map(|node| Vector3::from(mesh.positions_m[node as usize].map(f64::from)));
+    let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
+    let inverse = edges.try_inverse().unwrap();
+    let row = |index: usize| inverse.row(index).transpose();
+    ([-(row(0) + row(1) + row(2)), row(0), row(1), row(2)], edges.determinant() / 6.0)
 }
 
 /// A model with its state, stepped in place.

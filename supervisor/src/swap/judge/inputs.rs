@@ -3,12 +3,13 @@
 //! place: the tissue's state that its walls are of, which need not be the same one.
 
 use super::Pairs;
+use hyst_engine::stateful::MOST_BEHIND_TICKS;
 use hyst_messages::tolerance::SHADOW_EPOCH;
 use hyst_messages::{ContactModel, StreamHeader};
 use std::collections::BTreeMap;
 
 /// Ticks that are remembered: twice as many as an elder is behind before it leaps.
-const MOST: usize = 64;
+const MOST: usize = 2 * MOST_BEHIND_TICKS as usize;
 
 /// What a state, or its contact model, says of how it was made.
 #[derive(Clone, Copy)]
