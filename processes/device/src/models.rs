@@ -3,6 +3,7 @@
 //! distrusted; what has a lower epoch than one seen before is fenced. A newborn device goes
 //! on from what its predecessor used last, as a servo remembers it, so that nothing older is used after a restart either.
 
+use hyst_coupling::MAX_FRICTION;
 use hyst_engine::Life;
 use hyst_exchange::{Horizon, OwnedPage, ReadPage, StationPage};
 use hyst_messages::page::device::Distrust;
@@ -211,6 +212,7 @@ fn judge_model(model: &ContactModel, own: &OwnedPage, tick: u64) -> Result<(), D
 fn is_valid(model: &ContactModel) -> bool {
     let count = model.plane_count as usize;
     count <= MAX_PLANES
+        && (0.0..=MAX_FRICTION).contains(&model.friction)
         && model.planes[..count].iter().all(|plane| {
             let length = plane.normal.iter().map(|c| c * c).sum::<f32>();
             plane.point_m.iter().all(|c| c.abs() <= MAX_DISTANCE_M)

@@ -281,7 +281,7 @@ mod tests {
         assert_eq!((ample.max_stiffness_n_m, ample.max_damping_n_s_m), (1_200.0, 1.0), "as much as the station asks for");
         let little = with(0.6);
         assert_eq!((little.max_force_n, little.max_damping_n_s_m), (3.3, 0.3));
-        assert!((little.max_stiffness_n_m - 200.0).abs() < 0.1, "{little:?}"); // (0.6 − 0.3) / 1.5 ms
+        assert!((little.max_stiffness_n_m - 181.82).abs() < 0.1, "{little:?}"); // (0.6 − 0.3) / 1.65 ms
         // What the servos make of it is no stiffer than what is passive with the true damping.
         let servos = ServoParams::default().for_device(little.max_force_n, little.max_stiffness_n_m, little.max_damping_n_s_m);
         let true_n_m = ServoParams { device_damping_n_s_m: 0.6, ..servos }.coupling_limit_n_m(1e-3);

@@ -289,7 +289,7 @@ fn contact_model(input: &InputRecord) -> ContactModel {
             damping_n_s_m: from.damping_n_s_m,
         };
     }
-    model.count = count as u32;
+    (model.count, model.friction) = (count as u32, input.model.friction);
     model
 }
 

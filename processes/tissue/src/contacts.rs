@@ -2,7 +2,8 @@
 //!
 //! Promise: the force on the tool is what the tissue got. A contact is a law that the deformation evaluates in every substep, with what it is softened by
 //! there, and the force on the tool is what the same law does to the state that the step wrote. The hand is told less: what the springs push and the jaws
-//! pull with, as it is felt at the tip by the lever about the pivot. Friction and damping are the tissue's alone.
+//! pull with, as it is felt at the tip by the lever about the pivot, and the coefficient of friction, by which the servo holds the tip back along the planes.
+//! Damping is the tissue's alone.
 
 use crate::through::{Passage, Through};
 use crate::tool::Stand;

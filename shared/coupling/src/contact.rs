@@ -6,10 +6,13 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use crate::vector::is_finite;
+use crate::vector::{is_finite, sane};
 
 /// Planes in a model: a tip in a cavity meets few walls at once, and 8 fit into 272 bytes.
 pub const MAX_PLANES: usize = 8;
+
+/// No planes rub with more than this share of what they push with.
+pub const MAX_FRICTION: f32 = 1.0;
 
 /// A point farther from the origin than this is not in a patient; its plane is dropped.
 const MAX_POINT_M: f32 = 2.0;
@@ -38,8 +41,10 @@ pub struct ContactModel {
     pub planes: [Plane; MAX_PLANES],
     /// How many are used; more than [`MAX_PLANES`] is a fault and counts as [`MAX_PLANES`].
     pub count: u32,
+    /// Coulomb's coefficient of friction between the planes and the tip, 0 to [`MAX_FRICTION`]; what is no number, or is less, counts as 0.
+    pub friction: f32,
     /// Explicit padding, zero.
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 
 impl ContactModel {
@@ -73,7 +78,9 @@ pub struct Constraints {
     pub all: [Constraint; MAX_PLANES],
     /// How many are used.
     pub count: usize,
-    /// True if a plane was dropped or the count was absurd.
+    /// Coefficient of friction of all of them, 0 to [`MAX_FRICTION`].
+    pub friction: f64,
+    /// True if a plane was dropped, or the count or the friction was absurd.
     pub faulty: bool,
 }
 
@@ -81,7 +88,10 @@ impl Constraints {
     /// Checks `model` and expresses it at `position_m` (finite). Stiffness is limited to `max_stiffness_n_m`, damping
     /// to `max_damping_n_s_m`, both ≥ 0.
     pub fn at(model: &ContactModel, position_m: DVec3, max_stiffness_n_m: f64, max_damping_n_s_m: f64) -> Self {
-        let mut result = Self { faulty: model.count as usize > MAX_PLANES, ..Self::default() };
+        let has_friction = (0.0..=MAX_FRICTION).contains(&model.friction);
+        let faulty = model.count as usize > MAX_PLANES || !has_friction;
+        let friction = f64::from(sane(model.friction, 0.0, MAX_FRICTION, 0.0));
+        let mut result = Self { faulty, friction, ..Self::default() };
         for plane in model.planes.iter().take((model.count as usize).min(MAX_PLANES)) {
             let Some(normal) = usable_normal(plane) else {
                 result.faulty = true;
@@ -154,6 +164,23 @@ mod tests {
         for plane in bad {
             let seen = Constraints::at(&ContactModel::new(&[plane, wall()]), DVec3::ZERO, 1e3, 2.0);
             assert!(seen.faulty && seen.count == 1, "{plane:?}");
+        }
+    }
+
+    #[test]
+    fn a_friction_that_is_none_counts_as_nothing_and_one_that_is_too_large_as_the_largest() {
+        for (told, expected, is_faulty) in [
+            (0.05, 0.05, false),
+            (0.0, 0.0, false),
+            (1.0, 1.0, false),
+            (-0.1, 0.0, true),
+            (1e9, 1.0, true),
+            (f32::NAN, 0.0, true),
+            (f32::INFINITY, 0.0, true),
+        ] {
+            let model = ContactModel { friction: told, ..ContactModel::new(&[wall()]) };
+            let seen = Constraints::at(&model, DVec3::ZERO, 1e3, 2.0);
+            assert_eq!((seen.friction as f32, seen.faulty, seen.count), (expected, is_faulty, 1), "{told}");
         }
     }
 

@@ -18,7 +18,7 @@
 //! `hand_pose` or `hand_along` → `hand_dynamics` → (input record) → `servo_step` × 2 replicas → `valid_force`, `watch_step` → `choose` →
 //! `energy_step` → `last_hop_step` → `hardware_step` → `hand_dynamics`.
 //!
-//! Sources: Zilles and Salisbury 1995 (god-object), Colgate and Schenkel 1997 (passivity of the sampled wall), Hannaford
+//! Sources: Zilles and Salisbury 1995 (god-object), Dahl 1968 (friction), Colgate and Schenkel 1997 (passivity of the sampled wall), Hannaford
 //! and Ryu 2002 (passivity observer and controller), Moreau 1965 (the envelope that makes the proxy unique).
 
 pub mod choice;
@@ -35,7 +35,7 @@ pub mod validity;
 mod vector;
 
 pub use choice::{Choice, choose};
-pub use contact::{ContactModel, MAX_PLANES, Plane};
+pub use contact::{ContactModel, MAX_FRICTION, MAX_PLANES, Plane};
 pub use energy::{EnergyParams, EnergyState, energy_step};
 pub use hand::{HandModel, HandState, hand_dynamics};
 pub use hardware::{HardwareParams, HardwareState, hardware_step};

@@ -9,7 +9,8 @@
 //!    from the first tick, but it does not throw the hand out. If the hand withdraws, the surface follows it.
 //! 4. Proxy and push of the planes ([`crate::proxy`]), coupling limited by the passivity bound; damping that grows with
 //!    depth (no step on entry) and never pulls.
-//! 5. Passivity observer and controller (Hannaford and Ryu 2002), which meets what the bound cannot know: planes that move.
+//! 5. Friction of the planes, a spring that slides (`servo/friction.rs`); passivity observer and controller (Hannaford and Ryu
+//!    2002), which meets what the bound cannot know: planes that move.
 //! 6. What the medium does to the scope (`servo/medium.rs`), with an account of its own; then the force limit.
 //! 7. Blend: the force changes by no more than the motion of the tip explains plus `model_step_n`; so a contact model that
 //!    jumps is felt as a ramp, while the motion of the hand is passed on undelayed. For `return_ticks` after a gap or a fade it is
@@ -17,8 +18,9 @@
 //!
 //! Stability of the sampled wall needs `b > K·T/2 + |B|` (Colgate and Schenkel 1997) with b the physical damping of
 //! device and hand, K and B the virtual stiffness and damping; a loop delay of d ticks adds K·d·T. `coupling_limit_n_m`
-//! solves this for K, and no surface is ever felt stiffer.
+//! solves this for K with the bristle of friction beside it, and no surface is ever felt stiffer.
 
+mod friction;
 mod medium;
 pub use medium::felt_of_medium_n;
 mod types;
@@ -103,14 +105,21 @@ fn touch(params: &ServoParams, next: &mut ServoState, input: &ServoInput, veloci
     let pushed = push_of(params, &walls, &rest, velocity.as_dvec3()) * gain;
     // The last force acted on the hand from the last position to this one.
     let moved = if known { position - Vec3::from_array(next.position_m) } else { Vec3::ZERO };
-    let damper = observe(params, next, moved, velocity, &rest, input.dt_s);
+    if !known {
+        next.bristle_m = [0.0; 3];
+    }
+    let friction = friction::friction_step(next, (&walls, &rest, coupling_n_m), gain, moved.as_dvec3());
+    let stored_j = rest.energy_j * gain + friction.stored_j;
+    let damper = observe(params, next, moved, velocity, (&rest, stored_j), input.dt_s);
     let path = if known { moved } else { velocity * input.dt_s };
     let turn = velocity - Vec3::from_array(next.velocity_m_s);
+    // What the tip's way changes of the push, and of friction by that, and what it bends.
+    let felt_n_m = coupling_n_m as f32 * if walls.friction > 0.0 { 1.0 + friction::SHARE + walls.friction as f32 } else { 1.0 };
     next.proxy_m = (position.as_dvec3() + rest.offset_m).as_vec3().to_array();
     next.shift_m = shift.as_vec3().to_array();
     Touch {
-        wanted_n: (pushed - velocity.as_dvec3() * damper).as_vec3(),
-        explained_n: explained_n(params, coupling_n_m as f32, path, velocity, turn, input.dt_s),
+        wanted_n: (pushed - velocity.as_dvec3() * damper + friction.force_n).as_vec3(),
+        explained_n: explained_n(params, felt_n_m, path, velocity, turn, input.dt_s),
         flags: bit(SERVO_CONTACT, rest.energy_j > 0.0)
             | bit(SERVO_RETURNING, shift != DVec3::ZERO)
             | bit(SERVO_PASSIVITY, damper > 0.0)
@@ -216,14 +225,20 @@ fn push_of(params: &ServoParams, walls: &Constraints, rest: &Proxy, velocity: DV
     })
 }
 
-/// Passivity observer: books the energy that crossed the grip, and returns the controller's damping, N·s/m.
+/// Passivity observer: books the energy that crossed the grip, and returns the controller's damping, N·s/m. `stored_j`: what planes and bristle have of it.
 ///
 /// The account is limited to what is stored plus a reserve, because old credit would let energy out later without notice;
 /// out of contact a debt is forgiven, because there is nothing left that could give energy.
-fn observe(params: &ServoParams, next: &mut ServoState, moved: Vec3, velocity: Vec3, rest: &Proxy, dt_s: f32) -> f64 {
+fn observe(
+    params: &ServoParams,
+    next: &mut ServoState,
+    moved: Vec3,
+    velocity: Vec3,
+    (rest, stored_j): (&Proxy, f64),
+    dt_s: f32,
+) -> f64 {
     let offset_m = rest.offset_m.length();
     let contact = offset_m > 0.0;
-    let stored_j = rest.energy_j * f64::from(smoothstep(next.ramp));
     let reserve = f64::from(params.energy_reserve_j);
     let taken = -touch_n(next).as_dvec3().dot(moved.as_dvec3());
     let ceiling = (stored_j + reserve).min(f64::from(MAX_ENERGY_J));
@@ -242,11 +257,11 @@ fn observe(params: &ServoParams, next: &mut ServoState, moved: Vec3, velocity: V
 }
 
 /// Change of force, N, that the motion of the tip since the last tick can cause with planes that stand still.
-fn explained_n(params: &ServoParams, coupling_n_m: f32, path: Vec3, velocity: Vec3, turn: Vec3, dt_s: f32) -> f32 {
+fn explained_n(params: &ServoParams, stiffness_n_m: f32, path: Vec3, velocity: Vec3, turn: Vec3, dt_s: f32) -> f32 {
     let path = path.length().min(params.max_speed_m_s * dt_s);
     let turn = turn.length().min(2.0 * params.max_speed_m_s);
     let entered = velocity.length() * (path / params.damping_depth_m).min(1.0);
-    coupling_n_m * path + params.max_damping_n_s_m * (turn + entered)
+    stiffness_n_m * path + params.max_damping_n_s_m * (turn + entered)
 }
 
 /// 3r² − 2r³: from 0 to 1 with no slope at either end, so that a ramp begins and ends unfelt.

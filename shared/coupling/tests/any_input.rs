@@ -31,9 +31,9 @@ fn any_plane() -> impl Strategy<Value = Plane> {
 
 fn any_model() -> impl Strategy<Value = ContactModel> {
     let count = prop_oneof![0..10u32, any::<u32>()];
-    (prop::collection::vec(any_plane(), 8), count).prop_map(|(planes, count)| {
+    (prop::collection::vec(any_plane(), 8), count, any_f32()).prop_map(|(planes, count, friction)| {
         let mut model = ContactModel::new(&planes);
-        model.count = count;
+        (model.count, model.friction) = (count, friction);
         model
     })
 }
@@ -81,7 +81,7 @@ proptest! {
 
     #[test]
     fn a_corrupt_state_or_corrupt_parameters_give_no_bad_force(
-        bytes in prop::collection::vec(any::<u8>(), 112),
+        bytes in prop::collection::vec(any::<u8>(), 128),
         model in any_model(),
         position_m in any_vector(),
         tick in any::<u64>(),

@@ -48,7 +48,7 @@ extern crate self as hyst_messages; // so do the tests of other crates name what
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 22;
+pub const LAYOUT_VERSION: u32 = 23;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 2;

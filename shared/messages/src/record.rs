@@ -130,8 +130,8 @@ pub struct ContactModel {
     pub input_tick: u64,
     /// Planes in use.
     pub plane_count: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Coulomb's coefficient of friction between planes and tip, 0 to 1.
+    pub friction: f32,
     /// Hash of the pose that the state was computed from: that of the input record for `input_tick`.
     pub pose_hash: u64,
     /// The planes; beyond `plane_count` they are zero.

@@ -136,7 +136,7 @@ pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
     Ok(worst)
 }
 
-/// How far apart two contact models of one tick are: the force of either below each plane of both, where it differs most.
+/// How far apart two contact models of one tick are: the force of either below each plane of both, where it differs most, with what friction would make of that.
 pub fn compare_models(a: &ContactModel, b: &ContactModel) -> Deviation {
     let mut worst = Deviation { what: "contact force", unit: "N", by: 0.0, most: MOST_FORCE_N };
     let planes = |model: &ContactModel| model.planes[..(model.plane_count as usize).min(model.planes.len())].to_vec();
@@ -146,7 +146,9 @@ pub fn compare_models(a: &ContactModel, b: &ContactModel) -> Deviation {
         let forces_n = [a, b].map(|model| force_n(&planes(model), at_m, velocity_m_s));
         let length_n = |force_n: [f64; 3]| force_n.iter().map(|component| component * component).sum::<f64>().sqrt();
         let by = length_n(std::array::from_fn(|axis| forces_n[0][axis] - forces_n[1][axis]));
-        let most = MOST_FORCE_N + MOST_FORCE_SHARE * length_n(forces_n[0]).max(length_n(forces_n[1]));
+        let larger_n = length_n(forces_n[0]).max(length_n(forces_n[1]));
+        let by = by + f64::from(a.friction - b.friction).abs() * larger_n;
+        let most = MOST_FORCE_N + MOST_FORCE_SHARE * larger_n;
         let found = Deviation { by: if by.is_finite() { by } else { f64::INFINITY }, most, ..worst };
         if found.ratio() > worst.ratio() {
             worst = found;
@@ -253,6 +255,10 @@ mod tests {
         assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 900.0, [0.0, 0.0, -1.0])])).ratio() > 1.0, "twice as stiff");
         assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 400.0, [0.0, 0.0, 1.0])])).ratio() > 1.0, "it pulls");
         assert_eq!(compare_models(&at, &model(&[([f32::NAN; 3], 400.0, [0.0, 0.0, -1.0])])).ratio(), f64::INFINITY);
+        // Half of 0.85 N more along the wall.
+        let rough = compare_models(&at, &ContactModel { friction: 0.5, ..at });
+        assert!((rough.by - 0.425).abs() < 1e-5 && rough.ratio() > 1.0, "{rough:?}");
+        assert_eq!(compare_models(&at, &ContactModel { friction: f32::NAN, ..at }).ratio(), f64::INFINITY);
     }
 
     #[test]

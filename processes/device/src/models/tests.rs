@@ -15,6 +15,10 @@ fn a_model_with_any_number_out_of_range_is_refused() {
     let good = ContactModel { plane_count: 1, planes: [plane; MAX_PLANES], ..Default::default() };
     assert!(is_valid(&good));
     assert!(!is_valid(&ContactModel { plane_count: 9, ..good }));
+    assert!(is_valid(&ContactModel { friction: 1.0, ..good }));
+    for friction in [-0.01, 1.01, f32::NAN, f32::INFINITY] {
+        assert!(!is_valid(&ContactModel { friction, ..good }), "{friction}");
+    }
     let changes: [fn(&mut ContactPlane); 6] = [
         |plane| plane.point_m[2] = f32::NAN,
         |plane| plane.point_m[0] = 2.0,

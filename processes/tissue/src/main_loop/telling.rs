@@ -1,6 +1,7 @@
 //! What a finished step is said to be: the contact model for the servo, and the status.
 
 use super::MainLoop;
+use crate::contacts::LAW;
 use crate::state::Core;
 use hyst_engine::StepContext;
 use hyst_messages::page::tissue;
@@ -15,6 +16,7 @@ impl MainLoop<'_> {
             state_tick: context.next_tick,
             input_tick: message.header().input_tick,
             plane_count: self.planes.count,
+            friction: LAW.friction,
             pose_hash: message.record::<Core>(0).map_or(0, |core| core.pose.hash()),
             ..ContactModel::default()
         };

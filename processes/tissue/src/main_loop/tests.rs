@@ -16,6 +16,7 @@ mod outflow;
 mod pieces;
 mod remembers;
 mod removed;
+mod rubs;
 mod sheet;
 mod thrust;
 mod unfit;

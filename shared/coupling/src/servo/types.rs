@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use super::friction::{MOST_BENT_M, SHARE};
 use super::medium::{MAX_MEDIUM_N, RESERVE_J};
 use crate::contact::ContactModel;
 use crate::vector::{is_finite, sane};
@@ -118,12 +119,12 @@ impl ServoParams {
         }
     }
 
-    /// The largest coupling stiffness that is passive with these parameters at a time step of `dt_s`, N/m:
-    /// `min(wanted, (b − B) / (T (½ + delay)))`, at least 1.
+    /// The largest coupling stiffness that is passive with these parameters at a time step of `dt_s`, N/m, if friction adds a tenth of it:
+    /// `min(wanted, (b − B) / (1.1 T (½ + delay)))`, at least 1.
     pub fn coupling_limit_n_m(&self, dt_s: f32) -> f32 {
         let delay = 0.5 + sane(self.loop_delay_ticks, 0.0, 100.0, 1.0);
         let spare = self.device_damping_n_s_m - self.max_damping_n_s_m;
-        sane(self.coupling_stiffness_n_m.min(spare / (dt_s * delay)), 1.0, 1e5, 1.0)
+        sane(self.coupling_stiffness_n_m.min(spare / ((1.0 + SHARE) * dt_s * delay)), 1.0, 1e5, 1.0)
     }
 
     /// The same parameters with each number inside its meaningful range; what is not a number becomes the safe end.
@@ -153,7 +154,7 @@ fn least(own: f32, stated: f32) -> f32 {
     if stated > 0.0 { own.min(stated) } else { own }
 }
 
-/// State of the servo: 112 bytes, a message like any other state. All zero is a servo that never ran.
+/// State of the servo: 128 bytes, a message like any other state. All zero is a servo that never ran.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ServoState {
@@ -187,6 +188,10 @@ pub struct ServoState {
     pub medium_n: [f32; 3],
     /// Energy that the medium has taken from the hand, less what it gave, J; negative is a debt.
     pub medium_j: f32,
+    /// How far the bristle is bent by which the planes hold the tip back where it slides along them, m.
+    pub bristle_m: [f32; 3],
+    /// Zero.
+    pub reserved: u32,
 }
 
 impl ServoState {
@@ -206,14 +211,16 @@ impl ServoState {
         if self.running == 0 {
             return (Self::default(), 0);
         }
-        let vectors = [self.position_m, self.velocity_m_s, self.proxy_m, self.force_n, self.shift_m, self.medium_n];
+        let vectors =
+            [self.position_m, self.velocity_m_s, self.proxy_m, self.force_n, self.shift_m, self.medium_n, self.bristle_m];
         let finite = vectors.into_iter().all(is_finite) && self.shift_m.iter().all(|c| c.abs() <= 2.0);
+        let bristle = self.bristle_m.iter().all(|c| c.abs() <= MOST_BENT_M);
         let ramp = (0.0..=1.0).contains(&self.ramp);
         let damper = (0.0..=params.controller_damping_n_s_m).contains(&self.damper_n_s_m);
         let energy = self.energy_j.abs() <= MAX_ENERGY_J;
         let force = Vec3::from_array(self.force_n).as_dvec3().length() <= f64::from(params.max_force_n);
         let medium = self.medium_n.iter().all(|newton| newton.abs() <= 2.0 * MAX_MEDIUM_N) && self.medium_j.abs() <= RESERVE_J;
-        if finite && ramp && damper && energy && force && medium && self.running == 1 && self.tick < tick {
+        if finite && bristle && ramp && damper && energy && force && medium && self.running == 1 && self.tick < tick {
             return (*self, 0);
         }
         (Self::default(), SERVO_STATE_RESET)
@@ -263,7 +270,7 @@ pub struct ServoOutput {
 }
 
 /// What other processes map must not change size unnoticed.
-const _: () = assert!(size_of::<ServoState>() == 112 && size_of::<ContactModel>() == 272);
+const _: () = assert!(size_of::<ServoState>() == 128 && size_of::<ContactModel>() == 272);
 
 #[cfg(test)]
 mod tests {
@@ -277,9 +284,9 @@ mod tests {
             assert_eq!(own.relying_on(not_stated), own, "{not_stated}");
         }
         assert_eq!(own.relying_on(13.4), own, "more is not relied on");
-        // (b − B) / 1.5 ms, with B = 1 N·s/m, or half of b.
+        // (b − B) / 1.65 ms, with B = 1 N·s/m, or half of b.
         for (damping_n_s_m, virtual_n_s_m, limit_n_m) in
-            [(3.0, 1.0, 1_200.0), (2.5, 1.0, 1_000.0), (2.0, 1.0, 666.67), (0.6, 0.3, 200.0)]
+            [(3.0, 1.0, 1_200.0), (2.5, 1.0, 909.09), (2.0, 1.0, 606.06), (0.6, 0.3, 181.82)]
         {
             let params = own.relying_on(damping_n_s_m);
             assert_eq!(params.max_damping_n_s_m, virtual_n_s_m, "{damping_n_s_m}");

@@ -6,6 +6,7 @@
 //! figure, and is printed; what of that the hand feels when fresh planes come is what the servo lets a model change the force by in a tick.
 
 use super::*;
+use crate::contacts::LAW;
 use glam::Vec3;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
 
@@ -34,28 +35,28 @@ fn model_of(main: &MainLoop<'_>) -> ContactModel {
             damping_n_s_m: plane.damping_n_s_m,
         })
         .collect();
-    ContactModel::new(&planes)
+    ContactModel { friction: LAW.friction, ..ContactModel::new(&planes) }
 }
 
 /// Where the tip is in a tick, m, and how fast, m/s.
 #[derive(Clone, Copy, Default)]
-struct Tip {
-    place_m: Vec3,
-    velocity_m_s: Vec3,
+pub(super) struct Tip {
+    pub(super) place_m: Vec3,
+    pub(super) velocity_m_s: Vec3,
 }
 
 /// A servo, the force of its last tick, and by how much that was another one than the force before, N.
 #[derive(Clone, Copy, Default)]
-struct Servo {
-    params: ServoParams,
-    state: ServoState,
-    force_n: Vec3,
+pub(super) struct Servo {
+    pub(super) params: ServoParams,
+    pub(super) state: ServoState,
+    pub(super) force_n: Vec3,
     step_n: f32,
 }
 
 impl Servo {
     /// The tick with a model that is so old, ticks.
-    fn tick(&mut self, tick: u64, tip: Tip, model: &ContactModel, age: u64) {
+    pub(super) fn tick(&mut self, tick: u64, tip: Tip, model: &ContactModel, age: u64) {
         let input = ServoInput {
             tick,
             position_m: tip.place_m.to_array(),
@@ -72,12 +73,15 @@ impl Servo {
     }
 }
 
+/// A way of the tip changes the push by as much as the coupling makes of it, friction by its share of that, and the bristle by a tenth.
+const FELT: f32 = 1.0 + LAW.friction + 0.1;
+
 /// What the servo lets the force change by from one tick to the next, N: what the tip's motion makes of planes that stand still, and what a model that jumps may.
 fn most_n(params: &ServoParams, before: Tip, now: Tip) -> f32 {
     let (way_m, speed_m_s) = (now.place_m.distance(before.place_m), now.velocity_m_s.length());
     let entered = speed_m_s * (way_m / params.damping_depth_m).min(1.0);
     let turned = now.velocity_m_s.distance(before.velocity_m_s);
-    params.coupling_limit_n_m(DT_S) * way_m + params.max_damping_n_s_m * (turned + entered) + params.model_step_n
+    FELT * params.coupling_limit_n_m(DT_S) * way_m + params.max_damping_n_s_m * (turned + entered) + params.model_step_n
 }
 
 /// What was felt, N: the largest steps without tissue and with it in the same ticks, the step as it came back and the largest later, how far the two forces were
@@ -172,7 +176,7 @@ fn a_hand_that_goes_on_without_tissue_for_a_tenth_of_a_second_feels_no_step_nor_
     assert!(felt.apart_n > 1e-3, "the tissue does nothing that the frozen planes do not: {felt:?}");
     assert!(felt.blind_n <= felt.own_n + MARGIN_N, "{felt:?}");
     let params = ServoParams::default();
-    let of_motion_n = params.coupling_limit_n_m(DT_S) * SPEED_M_S * DT_S;
+    let of_motion_n = FELT * params.coupling_limit_n_m(DT_S) * SPEED_M_S * DT_S;
     assert!(felt.back_n < of_motion_n + MARGIN_N && felt.later_n < of_motion_n + MARGIN_N, "{felt:?}");
     assert!(felt.end_apart_n < 0.01, "a hand that rests feels the tissue that there is: {felt:?}");
     drop(main);
