@@ -244,6 +244,11 @@ impl Figures {
     pub(super) fn done(&self) -> usize {
         self.without_verdict + self.excess_misses.len() + self.unnoticed.len()
     }
+
+    /// The mean of [`Figures::beyond_misses`]; 0 of none.
+    pub fn mean_beyond_misses(&self) -> f64 {
+        self.beyond_misses.iter().sum::<i64>() as f64 / self.beyond_misses.len().max(1) as f64
+    }
 }
 
 /// The largest force steps of fault-free ticks in an arm, N, of those of its control windows that came while the tool touched nothing, and of those that came
