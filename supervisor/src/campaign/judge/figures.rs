@@ -113,6 +113,8 @@ pub struct Figures {
     pub not_shown: Vec<usize>,
     /// Second faults whose first did not show, by their numbers; they have no verdict.
     pub first_not_shown: Vec<usize>,
+    /// Those that came after the recovery, the hand-over or the swap that they were to fall into, by their numbers; they have no verdict.
+    pub beside: Vec<usize>,
     /// Of faults that are only done from outside: where, and by whom they were noticed, or what became of what was done.
     pub segment: String,
     /// See [`Figures::segment`].
