@@ -95,7 +95,8 @@ fn comes_back(slot: Slot, viewer: &Viewer) -> bool {
     has_lost && !record(slot, viewer).given_up
 }
 
-/// Whether who does a role's work is to be replaced, or was, and nobody is ready in its place yet. Of servos either of the two.
+/// Whether who does a role's work is to be replaced, or was, and nobody is ready in its place yet. Of servos either of the two, and
+/// until its successor is out of its shadow: the device takes nothing of that one before.
 pub fn is_handed_over(role: Role, viewer: &Viewer) -> bool {
     let slots = (0..role.slots().1).filter_map(|index| Slot::new(role, index));
     slots.filter(|slot| !slot.is_guest()).any(|slot| record(slot, viewer).hands_over)

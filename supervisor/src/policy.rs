@@ -84,6 +84,8 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
                 && matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation)
             {
                 place.serves = incarnation;
+                // Who is to be replaced serves until its end.
+                place.hands_over &= place.killed == incarnation || place.leaving.is_some_and(|leaving| leaving.0 == incarnation);
             }
             Vec::new()
         }
@@ -126,7 +128,8 @@ fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Ac
     };
     place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
     place.was_ready = true;
-    place.hands_over = false;
+    // Of a servo in its shadow nothing is taken: the other one is alone.
+    place.hands_over &= slot.role() == Role::Haptic;
     place.serves = if slot.role() == Role::Haptic { place.serves } else { incarnation };
     swap::ready(now_ns, slot, incarnation, state)
 }
@@ -152,8 +155,8 @@ fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, stat
     for ((slot, incarnation), ready_ns) in ready.chain(warming.into_iter().map(|found| (found, None))) {
         if let Some(place) = state.places.get_mut(&slot) {
             place.life = Life::Alive { incarnation, ready_ns };
-            // Who is to be replaced is told of again.
-            place.hands_over &= ready_ns.is_none();
+            // Who is to be replaced is told of again, and of a servo that it has left its shadow.
+            place.hands_over &= ready_ns.is_none() || slot.role() == Role::Haptic;
             // Whether a servo has left its shadow is told at the first look.
             place.serves = if ready_ns.is_some() && slot.role() != Role::Haptic { incarnation } else { 0 };
         }

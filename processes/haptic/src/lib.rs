@@ -4,4 +4,5 @@ mod accord;
 mod drain;
 mod servo;
 
-pub use servo::{SHADOW_TICKS, run, run_telling};
+pub use hyst_messages::record::SHADOW_TICKS;
+pub use servo::{run, run_telling};

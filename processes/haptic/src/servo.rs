@@ -13,12 +13,10 @@ use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, device, haptic, header};
-use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
+use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS, SHADOW_TICKS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
 use std::collections::VecDeque;
 
-/// Ticks that a newborn must agree with the other replica before it may be chosen.
-pub const SHADOW_TICKS: u32 = 20;
 /// Ticks for which a newborn waits for the page of another servo that lives, before it is taken for alone: that page may be one that nobody can map.
 const UNSEEN_TICKS: u32 = 500;
 /// How long the servo sleeps at most without an input, ns: then it looks for a successor of the device, and for the station's end.

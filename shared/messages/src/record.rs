@@ -245,6 +245,8 @@ impl ForceRecord {
 
 /// Bit of [`ForceRecord::flags`]: the replica is in its shadow phase and must not be chosen.
 pub const FORCE_SHADOW: u32 = 4;
+/// Ticks that a newborn servo must agree with the other one before it may be chosen: its shadow lasts so long, or longer.
+pub const SHADOW_TICKS: u32 = 20;
 /// Bit of [`ForceRecord::flags`]: the replica lost ticks or is newborn, and has not yet gone on from the other's state.
 pub const FORCE_ASTRAY: u32 = 8;
 

@@ -41,8 +41,13 @@ fn moved_m(body: &Body, mesh: &TetMesh, height_m: f32) -> f64 {
 #[test]
 fn a_bar_of_two_materials_in_series_stretches_by_the_sum_of_both() {
     let (pull_pa, half_m) = (200.0, 0.016);
-    // As much thinner for their stress the one as the other: the stress is the same all over. Of the second pair the stiff half holds the soft one at its border.
-    let pairs = [([10_000.0, 0.1], [30_000.0, 0.3], [0.01, 0.01]), ([10_000.0, 0.3], [30_000.0, 0.3], [0.15, 0.05])];
+    // As much thinner for their stress the one as the other: the stress is the same all over. Of the second pair nodes hold the volume of one half, at the border
+    // too; of the last pair the stiff half holds the soft one at its border.
+    let pairs = [
+        ([10_000.0, 0.1], [30_000.0, 0.3], [0.01, 0.01]),
+        ([9_000.0, 0.45], [9_800.0, 0.49], [0.01, 0.01]),
+        ([10_000.0, 0.3], [30_000.0, 0.3], [0.15, 0.05]),
+    ];
     for (soft, stiff, [most_of_half, most]) in pairs {
         let mesh = in_two([3, 3, 8], 0.004, half_m);
         let material = |[young_pa, nu]: [f64; 2]| Material::new(young_pa, nu, 1000.0, 80.0).unwrap();

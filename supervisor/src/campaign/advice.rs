@@ -97,11 +97,29 @@ fn cure(figures: &Figures) -> String {
         Some(Unlike::Together(station)) => {
             format!("something was with station {station} (its line in stations.jsonl): {ALONE}")
         }
-        Some(Unlike::Mean) => {
-            "a few of its faults cost many ticks each: results.jsonl has what each cost, and `--only NUMBER` does it again".into()
-        }
+        Some(Unlike::Mean) => of_mean(figures, limit),
         None => format!("too few of its faults have a verdict: {ALONE}"),
     }
+}
+
+/// What helps where few are worse, and the mean of what all cost has no bound within the limit: more of them, where what a few cost leaves room for that.
+fn of_mean(figures: &Figures, limit: f64) -> String {
+    let costs = "results.jsonl has what each cost, and `--only NUMBER` does it again";
+    match times_for_mean(figures, limit) {
+        Some(times) => format!(
+            "so few faults cannot hold the mean of their ticks within its limit: some {times} times as many would if they go on \
+             like this; take a copy of the file with a larger `count`; {costs}"
+        ),
+        None => format!("a few of its faults cost so many ticks that more of the like would not hold the mean of all: {costs}"),
+    }
+}
+
+/// About how many times as many faults hold a limit of the mean of their ticks if they go on like this: the width of its bound shrinks with the root of their
+/// number. `None` if that is more than [`MOST_TIMES`].
+fn times_for_mean(figures: &Figures, limit: f64) -> Option<usize> {
+    let mean = figures.mean_beyond_misses();
+    let width = figures.mean_beyond_misses_upper95? - mean;
+    (2..=MOST_TIMES).find(|times| mean + width / (*times as f64).sqrt() <= limit)
 }
 
 /// How many times as many faults hold a limit if as many of them are worse and better; `None` if that is more than [`MOST_TIMES`].
@@ -143,12 +161,20 @@ mod tests {
         let many = Excess::of(1_000, 1, 1);
         let void = Excess { lower95: 0.03, upper95: 0.17, ..many };
         let not_shown = vec![7, 8];
+        // Of a hundred faults one cost so many ticks.
+        let mean = |ticks: i64, upper95: f64| {
+            let beyond_misses = [vec![0; 99], vec![ticks]].concat();
+            Figures { beyond_misses, mean_beyond_misses_upper95: Some(upper95), ..undecided(Some(many)) }
+        };
         for (figures, words) in [
             (undecided(Some(Excess::of(168, 8, 5))), "2 times as many would"),
             (undecided(Some(Excess::of(100, 8, 1))), "more of the like would not hold"),
             (Figures { excess_with_void: Some(void), ..undecided(Some(many)) }, "keeps the kernel busy"),
             (Figures { together_in: Some(5), ..undecided(Some(many)) }, "with station 5"),
-            (Figures { mean_beyond_misses_upper95: Some(0.06), ..undecided(Some(many)) }, "cost many ticks each"),
+            (mean(0, 0.06), "some 2 times as many would"),
+            (mean(3, 0.08), "some 7 times as many would"),
+            (mean(4, 0.12), "cost so many ticks that more"),
+            (mean(9, 0.2), "cost so many ticks that more"),
             (Figures { mean_beyond_misses_upper95: Some(0.05), ..undecided(Some(many)) }, "too few of its faults have a verdict"),
             (undecided(Some(many)), "too few of its faults have a verdict"),
             (Figures { not_shown, ..undecided(None) }, "`--only 7`"),

@@ -5,7 +5,9 @@ use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::{self, besides, counts, first_not_shown, not_shown, percentile, segments, shortened, target_of, unnoticed};
+use super::text::{
+    self, besides, came_beside, counts, first_not_shown, not_shown, percentile, segments, shortened, target_of, unnoticed,
+};
 use hyst_assessment::{escape, wide_table};
 use std::fmt::Write;
 
@@ -77,6 +79,7 @@ fn reasons(page: &mut String, judgement: &Judgement) {
     list(page, "Who else died, or hung and was ended", &judgement.cells.iter().flat_map(beside).collect::<Vec<_>>());
     list(page, "What did not show", &named(not_shown));
     list(page, "Whose first fault did not show", &named(first_not_shown));
+    list(page, "What came after its recovery, hand-over or swap", &named(came_beside));
     list(page, "What showed fewer than twenty times, which changes no verdict", &judgement.few);
     list(page, "What was done and not noticed", &named(unnoticed));
 }

@@ -71,6 +71,33 @@ fn a_second_fault_whose_first_did_not_show_has_no_verdict_and_is_named() {
     assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
 }
 
+/// Of 36 kills of the servo that was alone 20 had no verdict, for the other's successor was warm: each of them cost the hand ticks, for that was in its shadow.
+#[test]
+fn a_servo_is_handed_over_until_its_successor_is_out_of_its_shadow_and_who_comes_later_is_named() {
+    let judged = |role: &str, thread: &str, is_dead: bool, late_ns: u64| {
+        let cell = format!("kinds = [\"kill\"]\ntargets = [\"{role}:active\"]\nstates = [\"handover\"]\ncount = 3\n");
+        let first = format!("with = 'block {role}:active thread=\"{thread}\"'\nlimit_upper95 = 1.0\n");
+        let (campaign, plan, mut outcomes) = setup(&format!("[[cell]]\n{cell}{first}"));
+        for outcome in &mut outcomes {
+            let own = outcome.fault.as_ref().unwrap();
+            let injected_ns = own.injected_ns - 150_000_000 - late_ns; // it recovers after 150 ms
+            let first = Fault { target: format!("{role}:0"), dead: is_dead, injected_ns, ..own.clone() };
+            outcome.with = Some(first);
+        }
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        let line = "the recovery, hand-over or swap was over, and it has no verdict: fault 0, 1, 2";
+        let is_named = text::text(&judgement).contains(line);
+        assert_eq!(html::html(&judgement, &outcomes, &[]).contains(line), is_named);
+        let figures = &judgement.cells[0];
+        assert_eq!((figures.without_verdict, figures.beside.len()), if is_named { (3, 3) } else { (0, 0) }, "{role} {late_ns}");
+        is_named
+    };
+    let ends_ns = 20_000_000;
+    assert_eq!([0, ends_ns, ends_ns + 1].map(|late_ns| judged("haptic", "drain", true, late_ns)), [false, false, true]);
+    assert_eq!([0, 1].map(|late_ns| judged("haptic", "drain", false, late_ns)), [false, true], "without a successor");
+    assert_eq!([0, 1].map(|late_ns| judged("fluid", "keeper", true, late_ns)), [false, true]);
+}
+
 /// 168 kills and stops counted as if they had met a cut, of which none had come since the first strokes.
 #[test]
 fn a_fault_in_a_stroke_in_which_nothing_was_cut_has_not_shown() {

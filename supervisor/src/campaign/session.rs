@@ -19,7 +19,7 @@ use crate::ledger::AFTERMATH_TICKS;
 use crate::plan::Plan;
 use crate::remains;
 use crate::view::Viewer;
-use closing::{Asked, Done, Omitted};
+use closing::{Asked, Begun, Done, Omitted};
 pub use end::Ended;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -256,10 +256,12 @@ impl Session {
         match done {
             Ok(Done { by_ns, struck_ns }) => self.close(outcome, cell, asked(by_ns, struck_ns)),
             Err(omitted) => {
-                let is_half = matches!(omitted, Omitted::Half(_));
+                let begun = Begun::of(cell, &omitted, first_by_ns.is_some());
                 (outcome.ending, outcome.reason) = omitted.ending(&cell.name);
-                let was_begun = first_by_ns.is_some() || is_half && cell.with.is_none();
-                if was_begun { self.close_rest(outcome, cell, asked(system::now_ns(), None), is_half) } else { Ok(()) }
+                if begun.processes() == 0 {
+                    return Ok(());
+                }
+                self.close_rest(outcome, cell, asked(system::now_ns(), None), begun)
             }
         }
     }
@@ -319,4 +321,72 @@ pub(super) fn command(
     }
     command.args(&campaign.station.scene);
     Ok(command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::{draw, file};
+    use crate::fault::Fault;
+    use crate::faultfile::FaultKind;
+    use crate::supervise::Input;
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    /// A session with a station of which nothing lives but a process that does nothing.
+    fn session(station: &Station) -> Session {
+        let mut command = Command::new("sleep");
+        command.arg("600");
+        Session {
+            station: station.clone(),
+            child: command.spawn().unwrap(),
+            command,
+            viewer: None,
+            slots: Vec::new(),
+            files: PathBuf::new(),
+            interrupted: Arc::default(),
+            read_bytes: 0,
+            whole_since_tick: None,
+            strokes: Strokes::default(),
+            quiet_from_tick: 0,
+            is_over: true,
+        }
+    }
+
+    /// Nobody waited for its end: the next fault came while it went on in the one whom it had come to, and read its line.
+    #[test]
+    fn a_first_fault_that_came_to_one_alone_of_two_is_waited_for_and_the_second_is_not_done() {
+        let beside = "states = [\"handover\"]\nwith = \"leak-memory haptic:both rate=64.0\"\n";
+        let text = format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\ncount = 1\n{beside}");
+        let campaign = file::parse("t", &text).unwrap();
+        let entry = draw::plan(&campaign, 1).faults.remove(0);
+        let station = Station::named(&format!("t{}-first-by-half", std::process::id())).unwrap();
+        station.wipe();
+        std::fs::create_dir(station.root()).unwrap();
+        let closed = station.root().join("faults.jsonl");
+        let (tell, inbox) = channel();
+        control::serve(&station, tell).unwrap();
+        let supervisor = std::thread::spawn(move || {
+            let Ok(Input::Request(asked, reply)) = inbox.recv_timeout(Duration::from_secs(60)) else { return None };
+            let (kind, injected_ns) = (FaultKind::LeakMemory.name().to_string(), system::now_ns());
+            let fault = Fault { kind, target: "haptic:0".into(), injected_ns, ..Fault::default() };
+            reply.send(control::half("haptic:0 was hit alone")).unwrap();
+            system::sleep_ns(10 * LOOK_NS); // it is closed later than it is answered
+            std::fs::write(closed, format!("{}\n", serde_json::to_string(&fault).unwrap())).unwrap();
+            Some((asked, inbox))
+        });
+        let mut session = session(&station);
+        let mut outcome = Outcome::of(&entry);
+        session.hurt_at(&mut outcome, &entry, &campaign.cells[0], 0).unwrap();
+        let (asked, inbox) = supervisor.join().unwrap().unwrap();
+        assert!(matches!(asked, Request::Fault(injection) if injection.target == "haptic:both"));
+        assert!(inbox.try_recv().is_err(), "the second was asked for");
+        let reason = "haptic:0 was hit alone".to_string();
+        assert_eq!((outcome.ending, outcome.reason, outcome.fault), (Ending::Refused, reason, None));
+        assert_eq!(outcome.with.map(|fault| fault.target), Some("haptic:0".into()));
+        assert_eq!((outcome.collateral, session.quiet_from_tick), (vec![], QUIET_TICKS));
+        session.child.kill().unwrap();
+        session.child.wait().unwrap();
+        station.wipe();
+    }
 }

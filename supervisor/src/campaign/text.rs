@@ -151,6 +151,11 @@ pub fn first_not_shown(figures: &Figures) -> Option<String> {
     numbered("the first fault did not show, and the second has no verdict: fault", &figures.first_not_shown)
 }
 
+/// The numbers of the faults that came too late for what they were to fall into, in words; `None` if there are none.
+pub fn came_beside(figures: &Figures) -> Option<String> {
+    numbered("the recovery, hand-over or swap was over, and it has no verdict: fault", &figures.beside)
+}
+
 /// How often each, in words: `fluid 2, tissue 1`; a dash for none.
 pub fn counts<K: std::fmt::Display>(counts: &BTreeMap<K, usize>) -> String {
     let words: Vec<String> = counts.iter().map(|(what, count)| format!("{what} {count}")).collect();
@@ -213,7 +218,8 @@ fn remarks(text: &mut String, judgement: &Judgement) {
         for line in shortened(&figures.collateral) {
             let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
         }
-        for list in not_shown(figures).into_iter().chain(first_not_shown(figures)).chain(unnoticed(figures)) {
+        let lists = [not_shown(figures), first_not_shown(figures), came_beside(figures), unnoticed(figures)];
+        for list in lists.into_iter().flatten() {
             let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
         }
     }

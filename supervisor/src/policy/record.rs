@@ -12,7 +12,7 @@ pub struct Record {
     pub short_lives: u32,
     /// It was given up.
     pub given_up: bool,
-    /// Who did its role's work there is to be replaced, or was, and nobody is ready in its place yet.
+    /// Who did its role's work there is to be replaced, or was, and nobody is ready in its place yet, of a servo out of its shadow.
     pub hands_over: bool,
 }
 

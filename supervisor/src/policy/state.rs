@@ -43,7 +43,7 @@ pub(super) struct Place {
     pub(super) harmful: u32,
     /// The incarnation that is to be replaced, since when, and whether it was told.
     pub(super) leaving: Option<(u32, u64, bool)>,
-    /// One that did its role's work is to be replaced, or was, until somebody is ready here again.
+    /// One that did its role's work is to be replaced, or was, until somebody is ready here again, of a servo out of its shadow.
     pub(super) hands_over: bool,
 }
 

@@ -159,8 +159,11 @@ fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     step(now_ns, Event::Spawned { slot: slots[0], incarnation: 3 }, &mut state);
     assert_eq!(step(now_ns, Event::Tick, &mut state), [], "its successor is not ready");
     step(now_ns, Event::Ready { slot: slots[0], incarnation: 3 }, &mut state);
+    let is_handed = |state: &State| state.records().any(|(slot, record)| slot == slots[0] && record.hands_over);
+    assert!(is_handed(&state), "the other one is alone");
     assert_eq!(step(now_ns, Event::Tick, &mut state), [], "its successor is in its shadow: the device takes nothing of it");
     step(now_ns, Event::Serves { slot: slots[0], incarnation: 3 }, &mut state);
+    assert!(!is_handed(&state));
     assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Kill { slot: slots[1], incarnation: 2 }]);
 }
 

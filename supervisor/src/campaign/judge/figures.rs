@@ -113,6 +113,8 @@ pub struct Figures {
     pub not_shown: Vec<usize>,
     /// Second faults whose first did not show, by their numbers; they have no verdict.
     pub first_not_shown: Vec<usize>,
+    /// Those that came after the recovery, the hand-over or the swap that they were to fall into, by their numbers; they have no verdict.
+    pub beside: Vec<usize>,
     /// Of faults that are only done from outside: where, and by whom they were noticed, or what became of what was done.
     pub segment: String,
     /// See [`Figures::segment`].
@@ -243,6 +245,11 @@ impl Figures {
     /// Faults that are through.
     pub(super) fn done(&self) -> usize {
         self.without_verdict + self.excess_misses.len() + self.unnoticed.len()
+    }
+
+    /// The mean of [`Figures::beyond_misses`]; 0 of none.
+    pub fn mean_beyond_misses(&self) -> f64 {
+        self.beyond_misses.iter().sum::<i64>() as f64 / self.beyond_misses.len().max(1) as f64
     }
 }
 

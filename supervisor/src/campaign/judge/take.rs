@@ -8,7 +8,8 @@ use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
 use crate::fault::compare::{excess, tells};
 use crate::ledger::Window;
-use hyst_messages::Role;
+use hyst_messages::record::SHADOW_TICKS;
+use hyst_messages::{Role, TICK_NS};
 
 /// What one fault says of the misses.
 pub(super) enum Taken {
@@ -134,12 +135,16 @@ impl Figures {
         if has_no_first {
             self.first_not_shown.push(index);
         }
+        let is_beside = is_beside(cell, outcome, fault);
+        if is_beside {
+            self.beside.push(index);
+        }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known.steps_n);
         // With the void ticks both are of the same length.
         let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
         let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, cell.allowed_misses as i64)));
-        let is_other = !shows || is_astray || has_no_first || is_beside(outcome, fault) || fault.control_early;
+        let is_other = !shows || is_astray || has_no_first || is_beside || fault.control_early;
         self.astray += usize::from(is_astray);
         match () {
             () if is_other || !(window.is_whole() && control.is_whole()) => Taken::NoVerdict,
@@ -213,10 +218,15 @@ impl Figures {
     }
 }
 
-/// Whether it was to fall into a recovery, or a swap, and came after it.
-fn is_beside(outcome: &Outcome, fault: &Fault) -> bool {
-    let recovered_ns = outcome.with.as_ref().and_then(|with| Some(with.injected_ns + (with.recovered_us? * 1e3) as u64));
-    recovered_ns.is_some_and(|recovered_ns| fault.injected_ns > recovered_ns)
+/// Whether it was to fall into a recovery, a hand-over or a swap, and came after it. The hand-over of a servo is not over once its successor is warm: the
+/// device takes nothing of one in its shadow, and the other servo is alone meanwhile.
+fn is_beside(cell: &Cell, outcome: &Outcome, fault: &Fault) -> bool {
+    let over_ns = outcome.with.as_ref().and_then(|with| {
+        let has_shadow = cell.state == State::Handover && with.dead && Role::name_in(&with.target) == Role::Haptic.name();
+        let shadow_ns = if has_shadow { u64::from(SHADOW_TICKS) * TICK_NS } else { 0 };
+        Some(with.injected_ns + (with.recovered_us? * 1e3) as u64 + shadow_ns)
+    });
+    over_ns.is_some_and(|over_ns| fault.injected_ns > over_ns)
         || outcome.swap.as_ref().is_some_and(|swap| !swap.is_at(fault.injected_ns))
 }
 

@@ -44,8 +44,7 @@ impl Unlike {
                 format!("those that differ from their controls lie together, most of them in station {station}")
             }
             Unlike::Mean => {
-                let beyond = &figures.beyond_misses;
-                let mean = beyond.iter().sum::<i64>() as f64 / beyond.len().max(1) as f64;
+                let mean = figures.mean_beyond_misses();
                 let bound = figures.mean_beyond_misses_upper95.unwrap_or(mean);
                 format!("ticks beyond their controls' and what they may cost, per fault: {mean:.4}, with 95 % below {bound:.4}")
             }

@@ -75,6 +75,31 @@ impl Omitted {
     }
 }
 
+/// How many processes were hurt although the fault counts as refused: the station tells of each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Begun {
+    /// By the fault beside it.
+    pub beside: usize,
+    /// By the fault itself.
+    pub own: usize,
+}
+
+impl Begun {
+    /// Of a cell's fault that was not done, with or without the one beside it having been done before: what came by half came to one.
+    pub(super) fn of(cell: &Cell, omitted: &Omitted, was_first_done: bool) -> Begun {
+        let half = usize::from(matches!(omitted, Omitted::Half(_)));
+        match cell.with.is_some() && !was_first_done {
+            true => Begun { beside: half, own: 0 },
+            false => Begun { beside: cell.faults_beside(), own: half },
+        }
+    }
+
+    /// All of them.
+    pub(super) fn processes(self) -> usize {
+        self.beside + self.own
+    }
+}
+
 impl Session {
     /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
     pub(super) fn close(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
@@ -102,16 +127,16 @@ impl Session {
     }
 
     /// Waits until what was done although the fault counts as refused is closed, so that neither it nor what it brings about is anybody else's: the fault beside
-    /// it, and what was done by half.
-    pub(super) fn close_rest(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked, is_half: bool) -> Result<(), Trouble> {
-        let own = Some(&cell.injection).filter(|_| is_half);
-        let injections: Vec<&Injection> = cell.with.as_ref().into_iter().chain(own).collect();
-        let expected = cell.faults_beside() + usize::from(is_half);
-        let mut ours = self.lines_of(outcome, &injections, expected, CLOSE_NS, asked)?;
-        if is_half && ours.len() >= expected {
+    /// it, whole or by half, and what was done of itself by half.
+    pub(super) fn close_rest(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked, begun: Begun) -> Result<(), Trouble> {
+        let beside = cell.with.as_ref().filter(|_| begun.beside > 0);
+        let own = Some(&cell.injection).filter(|_| begun.own > 0);
+        let injections: Vec<&Injection> = beside.into_iter().chain(own).collect();
+        let mut ours = self.lines_of(outcome, &injections, begun.processes(), CLOSE_NS, asked)?;
+        if begun.own > 0 && ours.len() >= begun.processes() {
             outcome.fault = ours.pop();
         }
-        outcome.with = ours.pop().filter(|_| cell.with.is_some());
+        outcome.with = ours.pop().filter(|_| begun.beside > 0);
         self.be_quiet_after(outcome);
         Ok(())
     }
@@ -274,6 +299,26 @@ mod tests {
         let omitted = Done::of_answer(Err(NoAnswer::Half(words.into())), 50_000_000_000).unwrap_err();
         assert_eq!(omitted, Omitted::Half(words.into()));
         assert_eq!(omitted.ending("kill tissue:both"), (Ending::Refused, words.into()));
+    }
+
+    /// Of a first fault that came by half nothing counted as begun.
+    #[test]
+    fn what_was_begun_of_a_fault_that_was_not_done_is_what_was_done_before_it_and_one_of_what_came_by_half() {
+        let half = || Omitted::Half("tissue:0 was hit alone".into());
+        let refused = || Omitted::Refused("no such spare".into());
+        let begun = |target: &str, more: &str, omitted: Omitted, was_first_done: bool| {
+            let text = format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"{target}\"]\ncount = 1\n{more}");
+            let cell = crate::campaign::file::parse("t", &text).unwrap().cells.remove(0);
+            let begun = Begun::of(&cell, &omitted, was_first_done);
+            [begun.beside, begun.own]
+        };
+        assert_eq!([half(), refused()].map(|omitted| begun("tissue:both", "", omitted, false)), [[0, 1], [0, 0]]);
+        let handed = "states = [\"handover\"]\nwith = \"leak-memory haptic:both rate=64.0\"\n";
+        let in_handover = |omitted: Omitted, was_first_done: bool| begun("fluid:active", handed, omitted, was_first_done);
+        assert_eq!([half(), refused()].map(|omitted| in_handover(omitted, false)), [[1, 0], [0, 0]], "the first was not done");
+        assert_eq!([refused(), Omitted::NoHandOver].map(|omitted| in_handover(omitted, true)), [[2, 0]; 2]);
+        let damaged = "states = [\"recovery\"]\nwith = 'corrupt tissue:active where=\"checkpoint\" seed=2'\n";
+        assert_eq!(begun("tissue:both", damaged, half(), true), [1, 1]);
     }
 
     /// What the one that recovered sooner had done to the hand stood nowhere.
