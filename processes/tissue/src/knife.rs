@@ -2,7 +2,8 @@
 //!
 //! What a stroke needs to go on is in the state (its sixth section): the wire as the tissue saw it last, and the nodes on the sheet. So a tissue that is
 //! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
-//! that decides by the state alone, too. Under the current that coagulates the wire cuts nothing, and is as solid as a cold one.
+//! that decides by the state alone, too. A wire that has come more than [`FARTHEST_M`] since then has jumped, and begins another stroke where it is.
+//! Under the current that coagulates the wire cuts nothing, and is as solid as a cold one.
 
 #[cfg(test)]
 pub(crate) mod tests;
@@ -19,6 +20,9 @@ use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
 const STEP_M: f64 = 0.5e-3;
+/// Longest way of the wire from one cut to the next, m: that of a hand of 1 m/s in a step of 4 ms, and what it may have waited with. The device takes a tip
+/// that comes farther at once for one that has jumped, and believes it where it stays, with the current on.
+const FARTHEST_M: f64 = 5e-3;
 /// Below this the loop is in its sheath, m.
 const LEAST_EXTENSION_M: f32 = 1e-3;
 
@@ -147,8 +151,12 @@ impl Knife {
         copy(&mut tissue.rest.tets, &world.body.rest.tets);
         tissue.position_m.clear();
         tissue.position_m.extend_from_slice(position_m);
-        if tissue.swept_m(wire_m) < STEP_M {
+        let swept_m = tissue.swept_m(wire_m);
+        if swept_m < STEP_M {
             return Ok(Stroke::GoesOn { is_limited: false });
+        }
+        if swept_m > FARTHEST_M {
+            tissue.end_stroke();
         }
         tissue.velocity_m_s.clear();
         tissue.velocity_m_s.extend_from_slice(velocity_m_s);

@@ -28,6 +28,17 @@ pub fn quality(corners: [DVec3; 4]) -> f64 {
     6.0 * std::f64::consts::SQRT_2 * signed_volume(corners).abs() / (mean_square * mean_square.sqrt())
 }
 
+/// A tet flatter than this (volume over the cube of its longest edge) has no usable inverse in single precision.
+const FLATNESS_MIN: f64 = 1e-7;
+
+/// Whether a tet, whichever way round it is, is too flat for a simulation in single precision.
+pub fn is_too_flat(corners: [DVec3; 4]) -> bool {
+    let [a, b, c, d] = corners;
+    let edges = [b - a, c - a, d - a, c - b, d - b, d - c];
+    let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
+    signed_volume(corners).abs() <= FLATNESS_MIN * longest.powi(3)
+}
+
 /// A number and what it counts: “1 tet”, “2 tets”.
 pub(crate) fn count(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })

@@ -25,7 +25,7 @@ pub use boundary::{FACES, Surface, boundary, component_count, component_of_each_
 pub use check::{FLAT_QUALITY, ORGAN_SIZE_M, Report, check, open_edges};
 pub use error::{Place, ReadError, ReadErrorKind};
 pub use formats::tetgen::read_tetgen;
-pub use geometry::{Unit, guess_unit, quality, signed_volume};
+pub use geometry::{Unit, guess_unit, is_too_flat, quality, signed_volume};
 pub use lists::{are_below, are_finite};
 pub use read::{Format, TetFile, companion_name, detect, read_tet_file, read_tets, read_triangles};
 pub use repair::{Repair, RepairError, Repaired, keep_tets, renumber, repair};

@@ -1,10 +1,11 @@
 //! Makes a tet mesh fit for a simulation, and says what it did.
 //!
-//! After a repair: every tet has a positive volume that is more than rounding, no two tets have the same nodes, every node is used.
+//! After a repair: every tet has a positive volume that is more than rounding, and enough for its size that a model can be made of it ([`is_too_flat`]); no two
+//! tets have the same nodes, every node is used.
 //! Flat tets with a real volume stay: taking one out would tear a slit into the tissue. They are reported.
 
 use crate::check::{FLAT_QUALITY, duplicate_tets, unused_nodes};
-use crate::geometry::{corners, count, quality, signed_volume, volume_rounding};
+use crate::geometry::{corners, count, is_too_flat, quality, signed_volume, volume_rounding};
 use crate::types::TetMesh;
 use std::fmt;
 
@@ -25,7 +26,7 @@ pub enum Repair {
         /// The first of them in the file's order, from 0.
         first: u32,
     },
-    /// Tets whose volume is zero or within the rounding of their coordinates were dropped.
+    /// Tets whose volume is zero or within the rounding of their coordinates, or that are too flat for single precision, were dropped.
     DroppedFlat {
         /// How many.
         tets: usize,
@@ -61,7 +62,7 @@ impl fmt::Display for Repair {
                 write!(out, "dropped {} with the nodes of an earlier one (first: tet {first})", count(*tets, "tet"))
             }
             Repair::DroppedFlat { tets, first } => {
-                write!(out, "dropped {} without a volume beyond rounding (first: tet {first})", count(*tets, "tet"))
+                write!(out, "dropped {} without a volume that a model could use (first: tet {first})", count(*tets, "tet"))
             }
             Repair::KeptFlat { tets, worst_quality, worst } => write!(
                 out,
@@ -207,7 +208,7 @@ fn drop_flat(positions_m: &[[f32; 3]], tets: &[[u32; 4]], keep: &mut [bool], rep
         if !keep[index] {
             continue;
         }
-        if signed_volume(corners).abs() <= volume_rounding(corners) {
+        if signed_volume(corners).abs() <= volume_rounding(corners) || is_too_flat(corners) {
             keep[index] = false;
             dropped.push(index as u32);
         } else if quality(corners) < FLAT_QUALITY {

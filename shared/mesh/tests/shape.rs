@@ -109,6 +109,24 @@ fn a_sound_mesh_is_left_as_it_is() {
     assert_eq!(repaired.mesh, cube());
 }
 
+/// Two edges of 1 m that cross at a right angle, at a distance: a sixth of that is the volume, m³, of which 1.5e-8 may be rounding.
+#[test]
+fn a_sliver_that_no_model_could_be_made_of_is_dropped_whichever_way_round_it_is() {
+    for (height_m, is_kept) in [(3e-7, false), (5e-7, false), (7e-7, true)] {
+        for sign in [1.0, -1.0] {
+            let z = sign * height_m;
+            let mut sliver = corner();
+            sliver.positions_m.extend([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, -0.5, z], [0.0, 0.5, z]]);
+            sliver.tets.push([4, 5, 6, 7]);
+            sliver.regions.push(1);
+            let repaired = repair(sliver).unwrap();
+            assert_eq!(repaired.tet_map, [Some(0), is_kept.then_some(1)], "{z} m");
+            let is_dropped = repaired.repairs.contains(&Repair::DroppedFlat { tets: 1, first: 1 });
+            assert!(is_dropped != is_kept, "{z} m: {:?}", repaired.repairs);
+        }
+    }
+}
+
 #[test]
 fn a_nearly_flat_tet_is_kept_and_said() {
     let mut flat = corner();

@@ -175,6 +175,9 @@ pub(crate) fn placed(
             mirror::surface(surface, pivot_m, seats.mirrored);
         }
     }
+    for (index, (mesh, _)) in placed.iter().enumerate() {
+        object::check_place(&scene.deformable[index], index, mesh)?;
+    }
     Ok((placed, drawn))
 }
 

@@ -16,6 +16,9 @@ pub const MAX_TRIANGLES: usize = 2_000_000;
 /// Largest and smallest extent of an organ.
 const MAX_EXTENT_M: f32 = 1.0;
 const MIN_EXTENT_M: f32 = 0.001;
+/// Farthest that a node is from the scene's origin along an axis, m: twice the largest organ. The tissue's states end at 10 m, and what lies near that is left
+/// no room to move.
+const FARTHEST_M: f32 = 2.0;
 /// An organ placed by itself keeps its guessed unit if its extent is then within these; else it is scaled to the middle one.
 const AUTO_EXTENT_M: [f32; 3] = [0.03, 0.1, 0.35];
 /// A surface vertex may lie this share of the object's extent outside its tets; further out it belongs to another mesh.
@@ -151,6 +154,18 @@ impl RawObject {
         }
         Ok((mesh, self.surface))
     }
+}
+
+/// Refuses what lies so far from the scene's origin that its nodes would have no room to move.
+pub(crate) fn check_place(object: &Deformable, index: usize, mesh: &TetMesh) -> Result<(), SceneError> {
+    let is_far = |place_m: &&[f32; 3]| place_m.iter().any(|coordinate_m| coordinate_m.abs() > FARTHEST_M);
+    let Some([x, y, z]) = mesh.positions_m.iter().find(is_far) else { return Ok(()) };
+    let what = format!(
+        "“{}” ({}) has a node at [{x:.3}, {y:.3}, {z:.3}] m, allowed is -{FARTHEST_M} to {FARTHEST_M} m along each axis",
+        object.name, object.mesh
+    );
+    let cure = "move it with translate_m to the scene's origin, and workspace.pivot_m, too";
+    Err(SceneError::new(Kind::Range, format!("deformable[{index}].translate_m"), what, cure))
 }
 
 /// Binds the surface, or the boundary of each part where there is none.

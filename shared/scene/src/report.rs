@@ -222,7 +222,7 @@ impl ObjectReport {
                 self.flat,
                 "flat tet",
                 "flat tets",
-                "dropped if their volume is within rounding, else kept, and softened as far as the step asks for it",
+                "dropped if they have no volume that a model could use, else kept, and softened as far as the step asks for it",
             ),
             (self.duplicate, "tet that is there twice", "tets that are there twice", "dropped"),
             (self.unused_nodes, "node that no tet uses", "nodes that no tet uses", "dropped"),

@@ -232,6 +232,35 @@ fn what_is_attached_to_nothing_near_is_refused() {
     assert!(error.line_column.is_some(), "{error}");
 }
 
+/// Beyond 9.9 m the tissue left no node any room to move, and beyond 10 m nobody took a state of it.
+#[test]
+fn an_object_far_from_the_origin_is_refused_with_its_place_and_the_bound() {
+    let folder = Folder::new("far");
+    folder.file("organ.msh", &block(2, 80.0, 0.0));
+    folder.file("away.msh", &block(2, 80.0, 9_950.0));
+    let given = |mesh: &str, rest: &str| format!("mesh = \"{mesh}\"\nscale_to_m = 0.001\n{rest}");
+    let moved_back = given("away.msh", "translate_m = [-9.95, -9.95, -9.95]");
+    for near in [given("organ.msh", "translate_m = [0.0, -1.9, 0.0]"), moved_back] {
+        folder.load(&near).unwrap_or_else(|error| panic!("{near}: {error}"));
+    }
+    let in_front_of_the_pivot = "[workspace]\npivot_m = [0.0, 0.0, 9.93]";
+    let far = [
+        ("organ.msh", given("organ.msh", "translate_m = [0.0, 0.0, 9.95]"), ""),
+        ("organ.msh", given("organ.msh", "translate_m = [0.0, -9.95, 0.0]"), ""),
+        ("away.msh", given("away.msh", ""), ""),
+        ("organ.msh", "mesh = \"organ.msh\"".to_owned(), in_front_of_the_pivot),
+    ];
+    for (mesh, deformable, rest) in far {
+        let error = folder.load_with(&deformable, rest).expect_err(&deformable);
+        assert_eq!((error.kind, error.key.as_str()), (Kind::Range, "deformable[0].translate_m"), "{error}");
+        let said = error.to_string();
+        assert!(error.line_column.is_some() && said.contains(&format!("“organ” ({mesh}) has a node at ")), "{said}");
+        assert!(said.contains("9.9") && said.contains("-2 to 2 m"), "{said}");
+        let report = check(Some(&folder.0.join("scene.toml")));
+        assert!(!report.runnable && report.error.is_some_and(|error| error.contains("-2 to 2 m")), "{said}");
+    }
+}
+
 #[test]
 fn more_tets_than_can_be_simulated_are_refused() {
     let folder = Folder::new("large");

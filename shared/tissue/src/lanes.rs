@@ -8,6 +8,34 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use crate::layout::{LANES, Nodes, Row};
 
+/// Operations of one lane, as tests count them: a fused multiply-add is two; a change of sign, a comparison and a choice are none, all else is one.
+#[cfg(test)]
+pub(crate) mod counted {
+    use std::cell::Cell;
+
+    thread_local! {
+        static OPERATIONS: Cell<u64> = const { Cell::new(0) };
+    }
+
+    pub(crate) fn count(operations: u64) {
+        OPERATIONS.set(OPERATIONS.get() + operations);
+    }
+
+    /// Operations of some work of this thread.
+    pub(crate) fn operations_of(work: impl FnOnce()) -> u64 {
+        let before = OPERATIONS.get();
+        work();
+        OPERATIONS.get() - before
+    }
+}
+
+#[cfg(test)]
+use counted::count;
+
+#[cfg(not(test))]
+#[inline(always)]
+fn count(_: u64) {}
+
 /// One register of lanes, with the token that allows its use.
 #[derive(Clone, Copy)]
 pub(crate) struct F<S: Simd> {
@@ -22,6 +50,7 @@ impl<S: Simd> Add for F<S> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.add_f32s(self.value, other.value) }
     }
 }
@@ -30,6 +59,7 @@ impl<S: Simd> Sub for F<S> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.sub_f32s(self.value, other.value) }
     }
 }
@@ -38,6 +68,7 @@ impl<S: Simd> Mul for F<S> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.mul_f32s(self.value, other.value) }
     }
 }
@@ -70,22 +101,26 @@ impl<S: Simd> F<S> {
     /// self·b + c, in one rounding where the set has it.
     #[inline(always)]
     pub fn fma(self, b: Self, c: Self) -> Self {
+        count(2);
         F { simd: self.simd, value: self.simd.mul_add_e_f32s(self.value, b.value, c.value) }
     }
 
     /// c − self·b.
     #[inline(always)]
     pub fn nfma(self, b: Self, c: Self) -> Self {
+        count(2);
         F { simd: self.simd, value: self.simd.negate_mul_add_e_f32s(self.value, b.value, c.value) }
     }
 
     #[inline(always)]
     pub fn recip(self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.div_f32s(self.simd.splat_f32s(1.0), self.value) }
     }
 
     #[inline(always)]
     pub fn sqrt(self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.sqrt_f32s(self.value) }
     }
 
@@ -96,11 +131,13 @@ impl<S: Simd> F<S> {
 
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.min_f32s(self.value, other.value) }
     }
 
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
+        count(1);
         F { simd: self.simd, value: self.simd.max_f32s(self.value, other.value) }
     }
 

@@ -45,7 +45,7 @@ pub use isa::Isa;
 pub use links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring, Push};
 pub use material::{Material, MaterialError, POISSON_RATIO_MAX};
 pub use model::{Model, ModelError, ModelReport, Options};
-pub use peak::{busy, operations};
+pub use peak::{FORCE_OPERATIONS, ROTATION_OPERATIONS, busy, operations};
 pub use pressure::Pressure;
 pub use state::{StateMut, StateRef, StepError, StepInput, StepReport};
 pub use step::{Scratch, step};

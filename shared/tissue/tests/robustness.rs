@@ -210,6 +210,22 @@ fn a_state_of_another_model_and_an_impossible_step_are_refused() {
     assert!(matches!(other, Err(StepError::Length { what: "scratch (volumes)", .. })), "{other:?}");
 }
 
+/// Beside a block, two edges of 4 mm that cross at such a distance: more than rounding, and too little to be inverted in single precision.
+#[test]
+fn what_a_repair_has_left_is_no_sliver_that_a_model_refuses() {
+    let material = Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap();
+    let mut mesh = block([2, 2, 2], 0.003);
+    let (whole, first) = (mesh.tets.len(), mesh.positions_m.len() as u32);
+    mesh.positions_m.extend([[-0.002, 0.0, 0.0], [0.002, 0.0, 0.0], [0.0, -0.002, 1.2e-9], [0.0, 0.002, 1.2e-9]]);
+    mesh.tets.push([0, 1, 3, 2].map(|corner| first + corner));
+    mesh.regions.push(mesh.regions[0]);
+    let make = |mesh: &TetMesh| Model::new(mesh, &vec![false; mesh.positions_m.len()], &material, options()).map(|made| made.1);
+    assert!(matches!(make(&mesh), Err(ModelError::BadTet { .. })));
+    let repaired = hyst_mesh::repair(mesh).unwrap();
+    assert!(repaired.tet_map[whole].is_none(), "{:?}", repaired.repairs);
+    assert_eq!(make(&repaired.mesh).map(|report| report.tets), Ok(whole));
+}
+
 #[test]
 fn bad_meshes_are_typed_errors() {
     let material = Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap();

@@ -11,7 +11,7 @@ use hyst_tissue::Isa;
 /// Ticks between two looks at the displacement.
 const LOOK: usize = 20;
 
-/// How far two solutions are apart, as shares of the largest figure of the converged one.
+/// How far two solutions are apart, as shares of the largest figure of the converged one; no numbers where the hand meets nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Apart {
     /// Of the force on the tool.
@@ -67,20 +67,25 @@ fn pressed(press: [Press; 2], ticks: usize) -> Result<Apart, String> {
             apart.most_m = apart.most_m.max(farthest(&fine_m, fine.rest_m()));
         }
     }
-    apart.force /= apart.most_n.max(f64::MIN_POSITIVE);
-    apart.displacement /= apart.most_m.max(f64::MIN_POSITIVE);
+    // Of a hand that meets nothing nothing is shown.
+    let is_met = apart.most_n > 0.0 && apart.most_m > 0.0;
+    let [most_n, most_m] = if is_met { [apart.most_n, apart.most_m] } else { [f64::NAN; 2] };
+    apart.force /= most_n;
+    apart.displacement /= most_m;
     Ok(apart)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench;
     use crate::body::Body;
     use crate::knife::tests::drawn;
     use crate::world::Workshop;
     use glam::Vec3;
     use hyst_mesh::check;
     use hyst_scene::DeformableKind;
+    use serde_json::{Value, json};
     use std::path::Path;
 
     /// What is allowed, as a share of the largest figure of the converged solution.
@@ -225,6 +230,18 @@ mod tests {
         for apart in [some, more] {
             assert!((0.01..0.6).contains(&apart.force) && apart.displacement < 0.6, "{apart:?}");
         }
+    }
+
+    #[test]
+    fn of_a_hand_that_meets_nothing_nothing_is_judged_and_of_another_one_what_it_shows_is() {
+        let mut scene = hyst_scene::load_embedded().unwrap();
+        scene.hands.clear();
+        let row = bench::apart(&scene, "at rest", || apart(&scene, [1, 2], 2 * LOOK)).unwrap();
+        assert!(row["force_max_n"] == 0.0, "the hand touches something where it rests: {row}");
+        let held = |row: &Value| bench::is_near(row).map(|target| target["held"].clone());
+        assert_eq!(held(&row), [Value::Null, Value::Null], "{row}");
+        let shown = json!({ "force_apart": 0.5 * MOST, "displacement_apart": 2.0 * MOST });
+        assert_eq!(held(&shown), [json!(true), json!(false)]);
     }
 
     /// What is compared can fail: steps that are longer than the station's are farther from the truth than it allows.

@@ -75,6 +75,42 @@ fn a_wire_that_meets_the_surface_and_no_edge_of_a_tet_leaves_it_divided() {
     assert_eq!((removed_m3(&world, &next), healthy_removed_m3(&world, &next)), (0.0, 0.0));
 }
 
+/// What a knife writes of its stroke into a state.
+fn stroke_of(knife: &Knife) -> Vec<u32> {
+    let mut stroke = vec![0; knife.stroke_bytes() / size_of::<u32>()];
+    knife.write_stroke(bytemuck::cast_slice_mut(&mut stroke));
+    stroke
+}
+
+/// The device believes a tip that has jumped where it stays, and the current may be on all the while.
+#[test]
+fn a_wire_that_jumps_cuts_nothing_on_its_way_and_begins_another_stroke_where_it_is() {
+    let scene = hyst_scene::load_embedded().unwrap();
+    let (_, world) = Workshop::open(&scene, Isa::detect()).unwrap();
+    let polyp = hyst_mesh::check(&scene.objects[1].mesh);
+    let (low, high) = (polyp.min_m, polyp.max_m);
+    let (x, margin_m) = (0.5 * (low[0] + high[0]), 0.5 * (high[1] - low[1]));
+    let velocities_m_s = vec![[0.0; 3]; world.model.node_count()];
+    let nodes = (world.model.rest_m(), &velocities_m_s[..]);
+    // The wire goes through the middle of the polyp, from a little below it.
+    let swept = |stroke: &[u32], gone_m: f32| {
+        let z = low[2] - 1e-3 + gone_m;
+        let wire_m = [low[1] - margin_m, 0.5 * (low[1] + high[1]), high[1] + margin_m].map(|y| [x, y, z]);
+        let mut knife = Knife::default();
+        let swept = knife.sweep(&world, Some(&wire_m[..]), bytemuck::cast_slice(stroke), nodes).unwrap();
+        (swept, stroke_of(&knife))
+    };
+    let (_, begun) = swept(&[], 0.0);
+    let (near, _) = swept(&begun, 0.9 * FARTHEST_M as f32);
+    assert!(matches!(near, Stroke::Cut { .. }), "a swift hand cuts: {near:?}");
+    let jump_m = 1.1 * FARTHEST_M as f32;
+    let (jumped, goes_on_from) = swept(&begun, jump_m);
+    assert!(matches!(jumped, Stroke::GoesOn { is_limited: false }), "it has cut across its jump: {jumped:?}");
+    assert!(goes_on_from == swept(&[], jump_m).1, "it is not the stroke that begins there");
+    let (goes_on, _) = swept(&goes_on_from, jump_m + WAY_M);
+    assert!(!matches!(goes_on, Stroke::None), "{goes_on:?}");
+}
+
 /// How often each scene is cut, and by how many strokes each time.
 const ROUNDS: u64 = 3;
 const STROKES: u32 = 3;

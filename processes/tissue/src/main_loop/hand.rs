@@ -99,6 +99,18 @@ pub(super) fn is_fit(record: &InputRecord) -> bool {
         && sample.velocity_m_s.iter().chain([&sample.controls.loop_extension_m]).all(|number| number.is_finite())
 }
 
+/// A record as a step uses it: where it says of the medium what cannot be, as a number that is none, it says nothing of it. `None` of one that is not fit.
+fn usable(record: InputRecord) -> Option<InputRecord> {
+    if !is_fit(&record) {
+        return None;
+    }
+    if record.medium().is_sound() {
+        return Some(record);
+    }
+    let Medium { pressure_pa, pieces, on_scope_n } = Medium::default();
+    Some(InputRecord { pressure_pa, pieces, on_scope_n, ..record })
+}
+
 /// How long the instrument took from the input of one tick to that of another, s: at least a step of `dt_s`, and more where ticks were lost in between. From where
 /// nobody knows it came from it has not moved.
 fn since_s(told_tick: u64, input_tick: u64, dt_s: f32) -> f32 {
@@ -111,9 +123,9 @@ impl MainLoop<'_> {
         let page = self.device.as_ref()?;
         if self.life.is_replay() {
             let named = self.life.clock.page().load64(station::REPLAY_INPUT_TICK);
-            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten().filter(is_fit);
+            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten().and_then(usable);
         }
-        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).filter(is_fit))
+        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).and_then(usable))
     }
 
     /// What the hand does in a step; without an input it stays where it was, the loop too, and the wire cuts nothing. Nor does it where fewer bytes were lent than

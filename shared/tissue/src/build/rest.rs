@@ -6,11 +6,9 @@ use super::Materials;
 use crate::bound::{self, Spread};
 use crate::material::Material;
 use crate::model::ModelError;
-use hyst_mesh::{FLAT_QUALITY, TetMesh, quality};
+use hyst_mesh::{FLAT_QUALITY, TetMesh, is_too_flat, quality};
 use nalgebra::{Matrix3, Vector3};
 
-/// A tet flatter than this (volume over the cube of its longest edge) has no usable inverse in single precision.
-const FLATNESS_MIN: f64 = 1e-7;
 /// Largest number that a product in a step may reach: far below the end of single precision.
 const FORCE_MAX_N: f64 = 1e30;
 /// Smallest λ that is divided by, Pa.
@@ -35,9 +33,8 @@ impl Shape {
         let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
         let volume_m3 = edges.determinant() / 6.0;
         let squared = [b - a, c - a, d - a, c - b, d - b, d - c].map(|edge| edge.norm_squared());
-        let longest_m = squared.into_iter().fold(0.0, f64::max).sqrt();
         let bad = || ModelError::BadTet { tet, volume_m3 };
-        if volume_m3 <= FLATNESS_MIN * longest_m.powi(3) || !(1e-30..=1e30).contains(&volume_m3) {
+        if is_too_flat(places_m.map(Into::into)) || !(1e-30..=1e30).contains(&volume_m3) {
             return Err(bad());
         }
         let inv_edges = edges.try_inverse().ok_or_else(bad)?;
