@@ -152,9 +152,8 @@ fn a_tension_that_is_the_same_all_over_is_in_balance_at_every_node_of_the_border
         [0.99 * f64::from(x), 0.99 * f64::from(y), height_m].map(|at_m| at_m as f32)
     };
     let shape_m: Vec<[f32; 3]> = mesh.positions_m.iter().map(|place| moved(*place)).collect();
-    let is_at = |face: &[u32; 3], height_m: f32| {
-        face.iter().all(|node| (mesh.positions_m[*node as usize][2] - height_m).abs() < 1e-6)
-    };
+    let is_at =
+        |face: &[u32; 3], height_m: f32| face.iter().all(|node| (mesh.positions_m[*node as usize][2] - height_m).abs() < 1e-6);
     let mut ends = boundary(&mesh).triangles;
     ends.retain(|face| is_at(face, 0.0) || is_at(face, TOP_M));
     assert_eq!(ends.len(), 36);
@@ -164,9 +163,8 @@ fn a_tension_that_is_the_same_all_over_is_in_balance_at_every_node_of_the_border
     // The pull on the face of one cube, which is what a node within an end has.
     let of_cube_n = f64::from(PULL_PA * EDGE_M * EDGE_M);
     for isa in sets() {
-        let largest_n = |load_n: &[[f32; 3]]| {
-            forces_n(isa, &mesh, &shape_m, load_n).iter().map(|force_n| force_n.norm()).fold(0.0, f64::max)
-        };
+        let largest_n =
+            |load_n: &[[f32; 3]]| forces_n(isa, &mesh, &shape_m, load_n).iter().map(|force_n| force_n.norm()).fold(0.0, f64::max);
         let [left, without] = [largest_n(&load_n), largest_n(&[])].map(|force_n| force_n / of_cube_n);
         // Places in single precision leave some 1e-7 of a growth, of which λ makes 0.03 Pa beside 200.
         assert!(left < 5e-3 && (0.9..1.1).contains(&without), "{isa:?}: {left} is left, without the pull {without}");

@@ -109,7 +109,10 @@ fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue
     for (felt, way) in [(back, -aside), (on, aside)] {
         let (push_n, friction_n) = (felt.push_n.length(), felt.friction_n.length());
         assert!(push_n > 0.3, "the hand hardly touches: {felt:?}");
-        assert!((friction_n - LAW.friction * push_n).abs() < 0.1 * LAW.friction * push_n, "{friction_n} N of {push_n} N: {felt:?}");
+        assert!(
+            (friction_n - LAW.friction * push_n).abs() < 0.1 * LAW.friction * push_n,
+            "{friction_n} N of {push_n} N: {felt:?}"
+        );
         assert!(felt.friction_n.dot(way) < -0.9 * friction_n, "it is held back: {felt:?}");
     }
     // What differs by the way that it goes is friction; what does not is the wall's slope.
