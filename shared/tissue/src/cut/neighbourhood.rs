@@ -75,8 +75,9 @@ impl<'a> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
         let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
         let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
+        let joined = joined(rest.positions_m.len(), &nodes);
         let planes = RefCell::new(KnownPlanes { place_of: vec![NONE; tets.len()], all: Vec::new() });
-        let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
+        let cells = Cells::new(&bounds);
         let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
         Neighbourhood {
             rest,
