@@ -5,6 +5,7 @@ use super::fans::{Fan, faces_at, fan, fan_of};
 use super::places::{at, sorted};
 use super::refine::Work;
 use glam::DVec3;
+use std::iter;
 
 /// Times that faces are taken back because of what they would make of the boundary; after these none is opened before the next sweep of the stroke.
 const ROUNDS: usize = 12;
@@ -30,8 +31,9 @@ impl Work<'_> {
     /// The same of these faces, which are sorted.
     pub fn open_faces(&mut self, mut faces: Vec<Face>, report: &mut CutReport) -> Vec<[u32; 2]> {
         let wanted = faces.len();
+        let mut asked = nodes_of(&faces);
         for round in 0..ROUNDS {
-            let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| self.parting(node, &faces)).collect();
+            let partings: Vec<Parting> = asked.iter().filter_map(|node| self.parting(*node, &faces)).collect();
             let has_room = partings.iter().map(|(_, parts)| parts.len()).sum::<usize>() <= self.room();
             if partings.is_empty() || !has_room || round + 1 == ROUNDS {
                 report.out_of_room += usize::from(!has_room);
@@ -52,6 +54,9 @@ impl Work<'_> {
             }
             self.join_again(&partings, &copies, nodes);
             faces = self.without(faces, &bad);
+            // A star that hangs together hangs together by more faces, too: no other node is parted any more.
+            let was_parted = |node: &u32| partings.binary_search_by_key(node, |(node, _)| *node).is_ok();
+            asked = nodes_of(&faces).into_iter().filter(was_parted).collect();
         }
         Vec::new()
     }
@@ -217,13 +222,9 @@ impl Work<'_> {
         self.touched.push(tet);
     }
 
-    /// Nodes around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
+    /// Nodes at and around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
     fn spoilt_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
-        let parted = partings.iter().map(|(node, _)| *node).chain(copies.iter().map(|[copy, _]| *copy));
-        let tets = parted.flat_map(|node| self.star.of(node).iter().copied());
-        let mut nodes: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[tet as usize]).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
+        let nodes = self.torn_nodes(partings, copies);
         let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
         let mut bad: Vec<u32> = nodes.into_iter().filter(|node| fan(self, *node) == Fan::Bad).map(original).collect();
         bad.sort_unstable();
@@ -234,6 +235,27 @@ impl Work<'_> {
             fan_of(tets.map(|tet| self.tissue.rest.tets[*tet as usize].map(original)), *node) != Fan::Bad
         });
         bad
+    }
+
+    /// The nodes that partings may spoil, sorted: those that were parted, their copies, and those whose stars have two of what was one node. At every other one
+    /// the boundary is what it was, but for the names of nodes. The copies are in the order of the partings.
+    fn torn_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
+        let mut copies = copies.iter().map(|[copy, _]| *copy);
+        let mut torn = Vec::new();
+        // For each node the last parted one whose star it was seen in, or in that of a copy of it, and which of these it was.
+        let mut seen_in = vec![None; self.star.nodes()];
+        for (original, parts) in partings {
+            for node in iter::once(*original).chain(copies.by_ref().take(parts.len())) {
+                torn.push(node);
+                for other in self.star.of(node).iter().flat_map(|tet| self.tissue.rest.tets[*tet as usize]) {
+                    let before = seen_in[other as usize].replace((*original, node));
+                    torn.extend(before.filter(|(of, by)| of == original && *by != node).map(|_| other));
+                }
+            }
+        }
+        torn.sort_unstable();
+        torn.dedup();
+        torn
     }
 
     /// The faces without those at bad nodes; without those near them, if these have none.

@@ -44,6 +44,33 @@ fn bad_nodes(work: &Work) -> Vec<u32> {
     (0..work.star.nodes() as u32).filter(|node| fan(work, *node) == Fan::Bad).collect()
 }
 
+/// [`Work::open_faces`] by asking all nodes of the faces in each round.
+fn opened_by_all(work: &mut Work<'_>, mut faces: Vec<Face>, report: &mut CutReport) -> Vec<[u32; 2]> {
+    let wanted = faces.len();
+    for round in 0..ROUNDS {
+        let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| work.parting(node, &faces)).collect();
+        if partings.is_empty() || round + 1 == ROUNDS {
+            report.closed_faces += wanted;
+            break;
+        }
+        let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| work.tets_at(face)).collect();
+        let nodes = work.star.nodes();
+        let copies = work.part(&partings);
+        let bad = work.spoilt_nodes(&partings, &copies);
+        if bad.is_empty() {
+            report.copied_nodes += copies.len();
+            let opened = faces.iter().zip(tets).filter(|(face, _)| work.tets_at(face).is_none());
+            let opened: Vec<[u32; 2]> = opened.filter_map(|(_, tets)| tets).collect();
+            report.opened_faces += opened.len();
+            report.closed_faces += wanted - opened.len();
+            return opened;
+        }
+        work.join_again(&partings, &copies, nodes);
+        faces = work.without(faces, &bad);
+    }
+    Vec::new()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -70,6 +97,27 @@ proptest! {
         work.join_again(&partings, &copies, nodes);
         prop_assert_eq!(&work.tissue.rest.tets, &before.tets);
         prop_assert_eq!(work.star.nodes(), nodes);
+    }
+
+    /// A node that was not parted is not asked again.
+    #[test]
+    fn what_is_opened_is_what_asking_all_nodes_in_each_round_opens(
+        left_out in prop::collection::vec(0..12_u8, 48),
+        wanted in prop::collection::vec(0..10_u8, 96),
+        share in 1..10_u8,
+    ) {
+        let mut results = Vec::new();
+        for asks_all in [false, true] {
+            let (mut tissue, options, mut report) = (block(&left_out), CutOptions::default(), CutReport::default());
+            let mut work = Work::new(&mut tissue, &options, Vec::new());
+            let mut wanted = wanted.iter().cycle();
+            let mut faces = inner_faces(&work);
+            faces.retain(|_| wanted.next() < Some(&share));
+            let opened =
+                if asks_all { opened_by_all(&mut work, faces, &mut report) } else { work.open_faces(faces, &mut report) };
+            results.push((opened, report, tissue));
+        }
+        prop_assert_eq!(&results[0], &results[1]);
     }
 
     #[test]
