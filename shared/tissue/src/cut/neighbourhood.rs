@@ -71,12 +71,13 @@ impl Planes {
 }
 
 impl<'a> Neighbourhood<'a> {
-    pub fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
+    /// `asked_m`: the points whose homes are asked for, some of them for nothing.
+    pub fn new(rest: &'a TetMesh, tets: Vec<u32>, asked_m: impl Iterator<Item = DVec3>) -> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
         let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
         let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
         let planes = RefCell::new(KnownPlanes { place_of: vec![NONE; tets.len()], all: Vec::new() });
-        let cells = Cells::new(&bounds);
+        let cells = Cells::for_places(&bounds, asked_m);
         let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
         Neighbourhood {
             rest,
@@ -119,7 +120,7 @@ impl<'a> Neighbourhood<'a> {
         depth_m > 0.0 && depth_m > HAIR * self.bounds[index as usize].extent_m()
     }
 
-    /// The tet of these that is around a point, or the one near it that it is least outside of.
+    /// The tet of these that is around a point that is asked about, or the one near it that it is least outside of.
     pub fn home(&self, point: DVec3, is_of_these: impl Fn(u32) -> bool) -> Option<u32> {
         // Most points are in one, which has the point in its box, too.
         let spot = Spot::of(point);
@@ -286,9 +287,9 @@ pub mod tests {
             let is_one = |tet: &[u32; 4]| signed_volume(corners(&positions_m, *tet)) > 0.0;
             let tets: Vec<[u32; 4]> = tets.into_iter().filter(is_one).collect();
             let rest = TetMesh { regions: vec![0; tets.len()], positions_m: positions_m.clone(), tets: tets.clone() };
-            let near = Neighbourhood::new(&rest, (0..tets.len() as u32).collect());
+            let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
+            let near = Neighbourhood::new(&rest, (0..tets.len() as u32).collect(), points.iter().copied());
             for point in points {
-                let point = DVec3::from_array(point);
                 let first = (0..tets.len() as u32).find(|index| near.is_around(*index, near.depth_m(*index, point)));
                 let home = near.home(point, |_| true);
                 prop_assert!(first.is_none() || home == first, "{point}: {home:?}, not {first:?}");
@@ -314,7 +315,7 @@ pub mod tests {
             more_m in 0.0..1.0_f64,
         ) {
             let rest = lattice(&is_there);
-            let mut near = Neighbourhood::new(&rest, (0..rest.tets.len() as u32).collect());
+            let mut near = Neighbourhood::new(&rest, (0..rest.tets.len() as u32).collect(), std::iter::empty());
             for (point, homes) in points.into_iter().zip(homes) {
                 let point = DVec3::from_array(point.map(|eighths| f64::from(eighths) / 8.0));
                 let homes = homes.iter().filter(|_| !rest.tets.is_empty()).map(|home| (home % rest.tets.len()) as u32);

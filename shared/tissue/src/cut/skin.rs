@@ -132,8 +132,10 @@ impl Skin {
         }
         let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
         let reach = self.around(&near).with(box_of_change);
-        let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
-        let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
+        let unders: Vec<Under> = near.into_iter().map(|triangle| self.under(triangle)).collect();
+        let asked_m = unders.iter().map(|under| under.point);
+        let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets), asked_m);
+        let hosted: Vec<Hosted> = unders.iter().filter_map(|under| self.host(&place, under)).collect();
         // Each loose vertex with its triangles, in their order.
         let mut at_vertex: Vec<[u32; 2]> = Vec::with_capacity(3 * hosted.len());
         for (index, one) in (0..).zip(&hosted) {
@@ -151,15 +153,19 @@ impl Skin {
         SingleBounds::around(vertices.map(|vertex| self.rest_m[vertex as usize]))
     }
 
-    /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
-    fn host(&self, place: &Neighbourhood<'_>, triangle: u32) -> Option<Hosted> {
-        let names = self.triangles[triangle as usize];
-        let [a, b, c] = names.map(|vertex| at(&self.rest_m, vertex));
+    /// The point just under the middle of a triangle.
+    fn under(&self, triangle: u32) -> Under {
+        let [a, b, c] = self.triangles[triangle as usize].map(|vertex| at(&self.rest_m, vertex));
         let (middle, outward) = ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero());
-        let under = middle - outward * (UNDER_SHARE * middle.distance(a));
-        let region = place.rest.regions[self.bindings[names[0] as usize].tet as usize];
-        let home = place.home(under, |index| place.region(index) == region)?;
-        Some(Hosted { triangle, home, middle })
+        Under { triangle, point: middle - outward * (UNDER_SHARE * middle.distance(a)), middle }
+    }
+
+    /// The tet that a triangle lies at: the one around the point under it, or the nearest; of the object that it was bound to.
+    fn host(&self, place: &Neighbourhood<'_>, under: &Under) -> Option<Hosted> {
+        let [first, ..] = self.triangles[under.triangle as usize];
+        let region = place.rest.regions[self.bindings[first as usize].tet as usize];
+        let home = place.home(under.point, |index| place.region(index) == region)?;
+        Some(Hosted { triangle: under.triangle, home, middle: under.middle })
     }
 
     /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `at_vertex`: the vertex with each of them.
@@ -203,10 +209,13 @@ impl Skin {
         if joining.is_empty() {
             return 0;
         }
-        let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets));
+        let unders: Vec<Under> = joining.iter().map(|triangle| self.under(*triangle)).collect();
+        let vertices = joining.iter().flat_map(|triangle| self.triangles[*triangle as usize]);
+        let asked_m = unders.iter().map(|under| under.point).chain(vertices.map(|vertex| at(&self.rest_m, vertex)));
+        let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets), asked_m);
         let (mut own, mut out_of_room) = (BTreeMap::new(), 0);
-        for triangle in joining {
-            let Some(Hosted { home, .. }) = self.host(&place, triangle) else { continue };
+        for under in unders {
+            let Some(Hosted { triangle, home, .. }) = self.host(&place, &under) else { continue };
             let part = part_of_tet[place.tets[home as usize] as usize];
             for corner in 0..3 {
                 let vertex = self.triangles[triangle as usize][corner];
@@ -312,6 +321,13 @@ fn bound(place: &Neighbourhood<'_>, index: u32, point: DVec3) -> Binding {
 fn face_beside(rest: &TetMesh, tet: u32, other: u32) -> Option<[usize; 3]> {
     let [own, others] = [tet, other].map(|tet| rest.tets[tet as usize].map(|node| rest.positions_m[node as usize]));
     FACES.into_iter().find(|face| face.iter().all(|place| others.contains(&own[*place])))
+}
+
+/// A triangle with the point just under its middle, and the middle, at rest.
+struct Under {
+    triangle: u32,
+    point: DVec3,
+    middle: DVec3,
 }
 
 /// A triangle with the tet that it lies at, by its index in the neighbourhood, and its middle at rest.
