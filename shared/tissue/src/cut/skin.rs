@@ -137,14 +137,32 @@ impl Skin {
         let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets), asked_m);
         let hosted: Vec<Hosted> = unders.iter().filter_map(|under| self.host(&place, under)).collect();
         // Each loose vertex with its triangles, in their order.
-        let mut at_vertex: Vec<[u32; 2]> = Vec::with_capacity(3 * hosted.len());
-        for (index, one) in (0..).zip(&hosted) {
-            let corners = self.triangles[one.triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
-            at_vertex.extend(corners.map(|vertex| [vertex, index]));
+        let (at_vertices, ends) = self.hosted_at(&loose, &hosted);
+        let (mut first, mut out_of_room) = (0, 0);
+        for (vertex, end) in (0..).zip(ends) {
+            out_of_room += self.part(&mut place, &hosted, (vertex, &at_vertices[first..end]), options);
+            first = end;
         }
-        at_vertex.sort_unstable_by_key(|[vertex, index]| u64::from(*vertex) << 32 | u64::from(*index));
-        let by_vertex = at_vertex.chunk_by(|one, other| one[0] == other[0]);
-        by_vertex.map(|at_vertex| self.part(&mut place, &hosted, at_vertex, options)).sum()
+        out_of_room
+    }
+
+    /// The triangles at each of some vertices, by their places among those that are hosted and in their order; and where those of each vertex end. Sorted by
+    /// counting.
+    fn hosted_at(&self, is_one: &[bool], hosted: &[Hosted]) -> (Vec<u32>, Vec<usize>) {
+        let corners = |(place, one): (u32, &Hosted)| self.triangles[one.triangle as usize].map(|vertex| (vertex as usize, place));
+        let corners = (0..).zip(hosted).flat_map(corners).filter(|(vertex, _)| is_one[*vertex]);
+        let mut ends = vec![0; is_one.len()];
+        corners.clone().for_each(|(vertex, _)| ends[vertex] += 1);
+        let mut all = 0;
+        for end in &mut ends {
+            all += std::mem::replace(end, all);
+        }
+        let mut at_vertices = vec![0; all];
+        for (vertex, place) in corners {
+            at_vertices[ends[vertex]] = place;
+            ends[vertex] += 1;
+        }
+        (at_vertices, ends)
     }
 
     /// The box around some triangles at rest.
@@ -168,11 +186,19 @@ impl Skin {
         Some(Hosted { triangle: under.triangle, home, middle: under.middle })
     }
 
-    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `at_vertex`: the vertex with each of them.
-    /// Tells how many found no room.
-    fn part(&mut self, place: &mut Neighbourhood<'_>, hosted: &[Hosted], at_vertex: &[[u32; 2]], options: &CutOptions) -> usize {
-        let Some([vertex, _]) = at_vertex.first().copied() else { return 0 };
-        let triangles = || at_vertex.iter().map(|[_, index]| &hosted[*index as usize]);
+    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `own`: the places of these triangles among
+    /// those that are hosted. Tells how many found no room.
+    fn part(
+        &mut self,
+        place: &mut Neighbourhood<'_>,
+        hosted: &[Hosted],
+        (vertex, own): (u32, &[u32]),
+        options: &CutOptions,
+    ) -> usize {
+        if own.is_empty() {
+            return 0;
+        }
+        let triangles = || own.iter().map(|index| &hosted[*index as usize]);
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
         let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
