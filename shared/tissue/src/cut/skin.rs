@@ -7,7 +7,7 @@
 
 use super::cells::Cells;
 use super::neighbourhood::Neighbourhood;
-use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, to_single};
+use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, edge_of_number, number_of_edge, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -65,13 +65,14 @@ impl Skin {
         let now_m = &self.place(&tissue.rest.tets, &tissue.position_m)[..];
         let sides: Vec<Sides> = now_m.iter().map(|vertex| sheet.sides(vertex)).collect();
         let is_near = |triangle: &&[u32; 3]| Sides::touch(triangle.map(|vertex| sides[vertex as usize]));
-        let near = self.triangles.iter().filter(is_near).flat_map(edges_of);
-        let mut edges: Vec<[u32; 2]> = near.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize]))).collect();
+        let edges = self.triangles.iter().filter(is_near).flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+        let near = edges.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize])));
+        let mut edges: Vec<u64> = near.map(number_of_edge).collect();
         edges.sort_unstable();
         edges.dedup();
         // By the edges, in their order.
         let (mut middles, mut out_of_room) = (Vec::new(), 0);
-        for [a, b] in edges {
+        for [a, b] in edges.into_iter().map(edge_of_number) {
             let (from, to) = (at(now_m, a), at(now_m, b));
             let Some(crossing) = sheet.crossing(from, to) else { continue };
             let nearest_m = crossing.share.min(1.0 - crossing.share) * from.distance(to);
@@ -305,11 +306,6 @@ impl Skin {
         left.triangles = kept.into_iter().map(|triangle| triangle.map(|vertex| new_number[vertex as usize])).collect();
         *self = left;
     }
-}
-
-fn edges_of(triangle: &[u32; 3]) -> [[u32; 2]; 3] {
-    let [a, b, c] = *triangle;
-    [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
 }
 
 /// The parts of a triangle whose edges have these middles, which are sorted by them.
