@@ -2,7 +2,7 @@
 
 use super::CutReport;
 use super::fans::{Fan, faces_at, fan, fan_of};
-use super::places::{at, sorted};
+use super::places::at;
 use super::refine::Work;
 use glam::DVec3;
 use std::iter;
@@ -155,14 +155,19 @@ impl Work<'_> {
     /// The parts of a node's star that hang together by faces other than these, without the first; `None` if there is one part only.
     fn parting(&self, node: u32, faces: &[Face]) -> Option<Parting> {
         let star = self.star.of(node);
+        // Few of these faces are at the node, and among few one is found sooner than among all.
+        let open: Vec<[u32; 2]> = faces.iter().filter_map(|face| others_of(face, node)).collect();
         let mut part: Vec<usize> = (0..star.len()).collect();
         for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
-            let [([a, b], first), (_, second)] = same else { continue };
-            if faces.binary_search(&sorted([node, *a, *b])).is_ok() {
-                continue;
-            }
+            let [(others, first), (_, second)] = same else { continue };
             let (kept, joined) = (part[*first].min(part[*second]), part[*first].max(part[*second]));
-            part.iter_mut().filter(|part| **part == joined).for_each(|part| *part = kept);
+            if kept < joined && !open.contains(others) {
+                part.iter_mut().filter(|part| **part == joined).for_each(|part| *part = kept);
+            }
+        }
+        // Most stars hang together.
+        if part.iter().all(|part| *part == 0) {
+            return None;
         }
         let mut names = part.clone();
         names.sort_unstable();
@@ -286,6 +291,17 @@ impl Work<'_> {
     /// Whether the two tets of a face still have the same three nodes.
     fn is_closed(&self, face: &Face) -> bool {
         self.tets_at(face).is_some()
+    }
+}
+
+/// The other two nodes of a face that has a node.
+fn others_of([a, b, c]: &Face, node: u32) -> Option<[u32; 2]> {
+    if *a == node {
+        Some([*b, *c])
+    } else if *b == node {
+        Some([*a, *c])
+    } else {
+        (*c == node).then_some([*a, *b])
     }
 }
 

@@ -31,6 +31,29 @@ fn block(shares: &[u8]) -> Cuttable {
     Cuttable::at_rest(TetMesh { positions_m, regions: vec![0; tets.len()], tets })
 }
 
+/// The parts of a node's star, by the ways that lead from tet to tet through all faces at the node but these.
+fn parts_of_star(work: &Work, node: u32, faces: &[Face]) -> Vec<Vec<u32>> {
+    let nodes = |tet: u32| work.tissue.rest.tets[tet as usize];
+    let are_joined = |one: u32, other: u32| {
+        let mut common: Vec<u32> = nodes(one).into_iter().filter(|node| nodes(other).contains(node)).collect();
+        common.sort_unstable();
+        common.len() == 3 && common.contains(&node) && !faces.iter().any(|face| face[..] == common[..])
+    };
+    let (mut left, mut parts) = (work.star.of(node).to_vec(), Vec::new());
+    while let Some(first) = left.first().copied() {
+        let (mut part, mut next) = (vec![first], 0);
+        while let Some(tet) = part.get(next).copied() {
+            next += 1;
+            let is_new = |other: &u32| !part.contains(other) && are_joined(tet, *other);
+            let beyond: Vec<u32> = left.iter().copied().filter(is_new).collect();
+            part.extend(beyond);
+        }
+        parts.push(left.iter().copied().filter(|tet| part.contains(tet)).collect());
+        left.retain(|tet| !part.contains(tet));
+    }
+    parts
+}
+
 /// The faces between two tets, sorted.
 fn inner_faces(work: &Work) -> Vec<Face> {
     let mut faces: Vec<Face> = (0..work.tissue.rest.tets.len() as u32).flat_map(|tet| work.faces_of(tet)).collect();
@@ -133,6 +156,25 @@ proptest! {
         expected.retain(|face| face.iter().all(|node| is_marked[*node as usize]));
         let tets = |face: &Face| (*face, work.tets_at(face).expect("an inner face"));
         prop_assert_eq!(work.marked_faces(), expected.iter().map(tets).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_star_is_parted_where_no_way_leads_through_a_face_that_stays_closed(
+        left_out in prop::collection::vec(0..12_u8, 48),
+        opened in prop::collection::vec(0..10_u8, 96),
+        share in 1..10_u8,
+    ) {
+        let (mut tissue, options) = (block(&left_out), CutOptions::default());
+        let work = Work::new(&mut tissue, &options, Vec::new());
+        let mut opened = opened.into_iter().cycle();
+        let mut faces = inner_faces(&work);
+        faces.retain(|_| opened.next() < Some(share));
+        for node in 0..work.star.nodes() as u32 {
+            let mut parts = parts_of_star(&work, node, &faces).into_iter();
+            let _ = parts.next(); // stays with the node
+            let parts: Vec<Vec<u32>> = parts.collect();
+            prop_assert_eq!(work.parting(node, &faces), (!parts.is_empty()).then_some((node, parts)));
+        }
     }
 }
 
