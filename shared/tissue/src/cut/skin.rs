@@ -227,10 +227,11 @@ impl Skin {
     /// Lets come apart what still joins two parts: a vertex that its triangles share follows one tet for as long as a way leads from one to the other, and is not
     /// looked at again where the wire goes through that way at some distance. `part_of_tet`: the part of each tet. Tells how many vertices found no room.
     pub(super) fn part_by(&mut self, rest: &TetMesh, part_of_tet: &[u32], options: &CutOptions) -> usize {
-        let part_of = |skin: &Skin, vertex: u32| part_of_tet[skin.bindings[vertex as usize].tet as usize];
+        // Once for each vertex: some six triangles have it.
+        let part_of: Vec<u32> = self.bindings.iter().map(|binding| part_of_tet[binding.tet as usize]).collect();
         let joins = |triangle: &u32| {
-            let [a, b, c] = self.triangles[*triangle as usize].map(|vertex| part_of(self, vertex));
-            a != b || b != c
+            let [a, b, c] = self.triangles[*triangle as usize].map(|vertex| part_of[vertex as usize]);
+            (a != b) | (b != c)
         };
         let joining: Vec<u32> = (0..self.triangles.len() as u32).filter(joins).collect();
         if joining.is_empty() {
@@ -246,7 +247,7 @@ impl Skin {
             let part = part_of_tet[place.tets[home as usize] as usize];
             for corner in 0..3 {
                 let vertex = self.triangles[triangle as usize][corner];
-                if part_of(self, vertex) == part {
+                if part_of[vertex as usize] == part {
                     continue;
                 }
                 let known = own.get(&(vertex, part)).copied();
