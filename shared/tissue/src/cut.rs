@@ -16,6 +16,7 @@ mod burn;
 mod cells;
 mod enclosed;
 mod fans;
+mod joined;
 mod neighbourhood;
 mod places;
 mod refine;

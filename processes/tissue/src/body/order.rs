@@ -1,8 +1,11 @@
 //! The surface of a body in the order of its objects.
 
 use super::Body;
-use hyst_mesh::Binding;
 use hyst_tissue::Skin;
+use std::ops::Range;
+
+/// The object of a triangle between two of them: more than a body has.
+const NONE: u32 = u32::MAX;
 
 impl Body {
     /// Puts the surface's vertices and triangles into the order of the objects, those of an object in the order that they have. A triangle between two objects
@@ -12,7 +15,7 @@ impl Body {
         let object_of: Vec<u32> = self.skin.bindings.iter().map(|binding| regions[binding.tet as usize]).collect();
         // Most cuts leave it as it was: what they add lies behind, and the object that is cut is the last one.
         if !is_sorted(&self.skin.triangles, &object_of) {
-            self.skin = sorted(&self.skin, &object_of, self.origin.len());
+            self.skin = sorted(&self.skin, &object_of);
         }
     }
 }
@@ -28,50 +31,52 @@ fn is_sorted(triangles: &[[u32; 3]], object_of: &[u32]) -> bool {
     object_of.is_sorted() && triangles.iter().all(follows)
 }
 
-/// A surface whose vertices are of these objects, of which there are so many, in their order.
-fn sorted(skin: &Skin, object_of: &[u32], objects: usize) -> Skin {
-    let vertices = object_of.len();
-    let mut next = firsts(object_of.iter().copied(), objects);
-    let number: Vec<u32> = object_of.iter().map(|object| place(&mut next, *object)).collect();
-    let of = |triangle: &[u32; 3]| object_of[triangle[0] as usize];
-    let is_of_one = |&triangle: &&[u32; 3]| triangle.iter().all(|vertex| object_of[*vertex as usize] == of(triangle));
-    let mut next = firsts(skin.triangles.iter().filter(is_of_one).map(of), objects);
-    let mut triangles = vec![[0; 3]; next[objects] as usize];
-    for triangle in skin.triangles.iter().filter(is_of_one) {
-        triangles[place(&mut next, of(triangle)) as usize] = triangle.map(|vertex| number[vertex as usize]);
+/// A surface whose vertices are of these objects, in their order. A cut leaves most of it in a few runs of one object each, which are copied as they are.
+fn sorted(skin: &Skin, object_of: &[u32]) -> Skin {
+    let vertices = runs(object_of);
+    let mut number = vec![0u32; object_of.len()];
+    for (new, old) in (0..).zip(vertices.iter().flat_map(|(_, run)| run.clone())) {
+        number[old] = new;
     }
-    let mut sorted = Skin {
-        rest_m: vec![[0.0; 3]; vertices],
-        triangles,
-        bindings: vec![Binding::default(); vertices],
-        raw: vec![false; vertices],
+    let object = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| object_of[vertex as usize]);
+        if a == b && a == c { a } else { NONE }
     };
-    for (old, new) in number.into_iter().enumerate() {
-        let new = new as usize;
-        (sorted.rest_m[new], sorted.bindings[new], sorted.raw[new]) = (skin.rest_m[old], skin.bindings[old], skin.raw[old]);
+    let triangles = runs(&skin.triangles.iter().map(object).collect::<Vec<u32>>());
+    let mut sorted = Skin {
+        rest_m: Vec::with_capacity(skin.rest_m.len()),
+        triangles: Vec::with_capacity(skin.triangles.len()),
+        bindings: Vec::with_capacity(skin.bindings.len()),
+        raw: Vec::with_capacity(skin.raw.len()),
+    };
+    for (_, run) in vertices {
+        sorted.rest_m.extend_from_slice(&skin.rest_m[run.clone()]);
+        sorted.bindings.extend_from_slice(&skin.bindings[run.clone()]);
+        sorted.raw.extend_from_slice(&skin.raw[run]);
+    }
+    for (_, run) in triangles.into_iter().filter(|(object, _)| *object != NONE) {
+        sorted.triangles.extend(skin.triangles[run].iter().map(|triangle| triangle.map(|vertex| number[vertex as usize])));
     }
     sorted
 }
 
-/// The place of the first thing of each object in their order, and how many there are in all, of things of these objects.
-fn firsts(objects_of: impl Iterator<Item = u32>, objects: usize) -> Vec<u32> {
-    let mut first = vec![0u32; objects + 1];
-    objects_of.for_each(|object| first[object as usize + 1] += 1);
-    (1..first.len()).for_each(|object| first[object] += first[object - 1]);
-    first
-}
-
-/// The place of the next thing of an object.
-fn place(next: &mut [u32], object: u32) -> u32 {
-    let next = &mut next[object as usize];
-    *next += 1;
-    *next - 1
+/// The runs of things of one object, by the object of each: in the order of the objects, those of an object in the order that they have.
+fn runs(object_of: &[u32]) -> Vec<(u32, Range<usize>)> {
+    let mut end = 0;
+    let run = |of_one: &[u32]| {
+        let start = end;
+        end += of_one.len();
+        (object_of[start], start..end)
+    };
+    let mut runs: Vec<(u32, Range<usize>)> = object_of.chunk_by(|one, other| one == other).map(run).collect();
+    runs.sort_by_key(|(object, _)| *object);
+    runs
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_mesh::TetMesh;
+    use hyst_mesh::{Binding, TetMesh};
 
     /// The same by sorts.
     fn by_sorts(body: &Body) -> Skin {

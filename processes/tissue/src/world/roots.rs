@@ -115,7 +115,7 @@ impl Case {
         let is_whole = |(_, place, root): &(u32, DVec3, Root)| is_there(root.tet) && is_at(body, root, *place);
         let is_as_it_was: Vec<bool> = rooted.iter().map(is_whole).collect();
         let others = rooted.iter().zip(&is_as_it_was).filter(|(_, is_as_it_was)| !**is_as_it_was);
-        let others: Vec<DVec3> = others.map(|((_, place, _), _)| *place).collect();
+        let others: Vec<(u32, DVec3)> = others.map(|((_, place, root), _)| (root.host, *place)).collect();
         let near = self.near(body, &others);
         let held = |((node, place, root), is_as_it_was): ((u32, DVec3, Root), bool)| {
             let now = if is_as_it_was { Some((root.tet, root.weights)) } else { host_now(&near, root.host, place) };
@@ -124,12 +124,13 @@ impl Case {
         rooted.into_iter().zip(is_as_it_was).filter_map(held).collect()
     }
 
-    /// The tets whose boxes touch that around some places at rest: one look at all of them, and not one for each place.
-    fn near(&self, body: &Body, places: &[DVec3]) -> Vec<Near> {
+    /// The tets of some hosts, or of what has come off them, whose boxes touch that around places at rest that lay in these: one look at all of them, and not
+    /// one for each place.
+    fn near(&self, body: &Body, places: &[(u32, DVec3)]) -> Vec<Near> {
         if places.is_empty() {
             return Vec::new();
         }
-        let wider = |(low, high): (DVec3, DVec3), place: &DVec3| (low.min(*place), high.max(*place));
+        let wider = |(low, high): (DVec3, DVec3), (_, place): &(u32, DVec3)| (low.min(*place), high.max(*place));
         let (low, high) = places.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
         let (low, high) = ((low - AWAY_M).as_vec3(), (high + AWAY_M).as_vec3());
         // Beyond which sides of that box each node is: a tet's box touches it if its corners are not all beyond the same one.
@@ -140,7 +141,12 @@ impl Case {
         let beyond: Vec<u32> = body.rest.positions_m.iter().map(beyond).collect();
         let touches = |tet: &[u32; 4]| tet.iter().fold(u32::MAX, |all, node| all & beyond[*node as usize]) == 0;
         let near = body.rest.tets.iter().zip(&body.rest.regions).filter(|&(tet, _)| touches(tet));
-        near.map(|(tet, region)| Near::of(body, *tet, self.origin(body, *region) as u32)).collect()
+        let near = near.map(|(tet, region)| (tet, self.origin(body, *region) as u32));
+        // In what is no host no place is looked for: the pathology itself has most tets where it is held.
+        let mut hosts: Vec<u32> = places.iter().map(|(host, _)| *host).collect();
+        hosts.sort_unstable();
+        hosts.dedup();
+        near.filter(|(_, of)| hosts.contains(of)).map(|(tet, of)| Near::of(body, *tet, of)).collect()
     }
 }
 

@@ -21,15 +21,13 @@ const MOST_CRUMBS: usize = 64;
 /// What can be reached from a tet.
 struct Flood {
     tets: Vec<u32>,
-    /// The same, to look them up.
-    all: BTreeSet<u32>,
     /// How many of them were left behind.
     passed: usize,
 }
 
 impl Flood {
     fn from(tet: u32) -> Flood {
-        Flood { tets: vec![tet], all: BTreeSet::from([tet]), passed: 0 }
+        Flood { tets: vec![tet], passed: 0 }
     }
 }
 
@@ -49,10 +47,9 @@ impl Work<'_> {
             }
             let piece = match self.enclosed(sides, &walls) {
                 Ok(piece) => piece,
-                Err([mut one, mut other]) => {
+                Err([one, other]) => {
                     if one.len() + other.len() >= FAR {
-                        one.append(&mut other);
-                        together.push(one);
+                        together.push(one.into_iter().chain(other).collect());
                     }
                     continue;
                 }
@@ -105,20 +102,23 @@ impl Work<'_> {
     /// the smaller one is large, or the way around the wall is long.
     ///
     /// Error: a way leads around the wall; what was seen on both sides of it until they met, which hangs together.
-    fn enclosed(&self, sides: [u32; 2], walls: &[Face]) -> Result<BTreeSet<u32>, [BTreeSet<u32>; 2]> {
+    fn enclosed(&self, sides: [u32; 2], walls: &[Face]) -> Result<BTreeSet<u32>, [Vec<u32>; 2]> {
         let mut floods = sides.map(Flood::from);
+        // The side that each tet was reached from: a list of all is cleared in less time than a few tets take to be found in a tree.
+        let mut side_of: Vec<Option<bool>> = vec![None; self.tissue.rest.tets.len()];
+        for (tet, side) in sides.into_iter().zip([false, true]) {
+            side_of[tet as usize] = Some(side);
+        }
         loop {
-            for side in [0, 1] {
-                let flood = &mut floods[side];
-                let Some(tet) = flood.tets.get(flood.passed).copied() else { return Ok(std::mem::take(&mut flood.all)) };
+            for side in [false, true] {
+                let flood = &mut floods[usize::from(side)];
+                let Some(tet) = flood.tets.get(flood.passed).copied() else { return Ok(flood.tets.iter().copied().collect()) };
                 flood.passed += 1;
                 for next in self.beyond(tet, walls) {
-                    if floods[1 - side].all.contains(&next) {
-                        return Err(floods.map(|flood| flood.all));
-                    }
-                    let flood = &mut floods[side];
-                    if flood.all.insert(next) {
-                        flood.tets.push(next);
+                    match side_of[next as usize].replace(side) {
+                        Some(before) if before != side => return Err(floods.map(|flood| flood.tets)),
+                        Some(_) => (),
+                        None => flood.tets.push(next),
                     }
                 }
             }
@@ -127,7 +127,9 @@ impl Work<'_> {
 
     /// The tets that have a face with a tet that is no wall.
     fn beyond(&self, tet: u32, walls: &[Face]) -> impl Iterator<Item = u32> {
-        let faces = self.faces_of(tet).into_iter().filter(move |face| walls.binary_search(face).is_err());
+        // All nodes of a wall are marked.
+        let is_wall = move |face: &Face| face.iter().all(|node| self.is_marked(*node)) && walls.binary_search(face).is_ok();
+        let faces = self.faces_of(tet).into_iter().filter(move |face| !is_wall(face));
         faces.filter_map(move |face| self.tets_at(&face)).map(move |[one, other]| if one == tet { other } else { one })
     }
 

@@ -1,15 +1,14 @@
 //! The tets near a change: which of them a point lies in, or is least outside of, and which hang together.
 
 use super::cells::Cells;
-use super::places::{SingleBounds, Spot, corners, sorted};
+use super::joined::{NONE, joined};
+use super::places::{SingleBounds, Spot, corners};
 use glam::DVec3;
 use hyst_mesh::{FACES, TetMesh};
 use std::cell::RefCell;
 
 /// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
 const HAIR: f64 = 1e-4;
-/// No tet, no face.
-const NONE: u32 = u32::MAX;
 
 /// The tets near a change, with what joins them. Tets are named by their index in it.
 pub struct Neighbourhood<'a> {
@@ -19,7 +18,8 @@ pub struct Neighbourhood<'a> {
     cells: Cells,
     bounds: Vec<SingleBounds>,
     planes: RefCell<KnownPlanes>,
-    /// The tet beyond each face, or none.
+    /// The nodes of each, and once parts were asked for the tet beyond each face, or none.
+    nodes: Vec<[u32; 4]>,
     joined: Vec<[u32; 4]>,
     /// How many parts were found so far, by which each is known, and how many of them around points before; for each tet the last of them that it is in,
     /// and for which it was looked at.
@@ -71,12 +71,13 @@ impl Planes {
 }
 
 impl<'a> Neighbourhood<'a> {
-    pub fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
+    /// `asked_m`: the points whose homes are asked for, some of them for nothing.
+    pub fn new(rest: &'a TetMesh, tets: Vec<u32>, asked_m: impl Iterator<Item = DVec3>) -> Neighbourhood<'a> {
         let nodes: Vec<[u32; 4]> = tets.iter().map(|tet| rest.tets[*tet as usize]).collect();
         let bounds: Vec<SingleBounds> = nodes.iter().map(|nodes| SingleBounds::of_tet(&rest.positions_m, *nodes)).collect();
         let regions = tets.iter().map(|tet| rest.regions[*tet as usize]).collect();
         let planes = RefCell::new(KnownPlanes { place_of: vec![NONE; tets.len()], all: Vec::new() });
-        let (cells, joined) = (Cells::new(&bounds), joined(rest.positions_m.len(), &nodes));
+        let cells = Cells::for_places(&bounds, asked_m);
         let [is_in, looked_at, wanted] = [(); 3].map(|()| vec![0; tets.len()]);
         Neighbourhood {
             rest,
@@ -85,7 +86,8 @@ impl<'a> Neighbourhood<'a> {
             cells,
             bounds,
             planes,
-            joined,
+            nodes,
+            joined: Vec::new(),
             parts: 0,
             parts_before: 0,
             is_in,
@@ -107,8 +109,7 @@ impl<'a> Neighbourhood<'a> {
         let place = &mut place_of[index as usize];
         if *place == NONE {
             *place = all.len() as u32;
-            let nodes = self.rest.tets[self.tets[index as usize] as usize];
-            all.push(Planes::of(corners(&self.rest.positions_m, nodes)));
+            all.push(Planes::of(corners(&self.rest.positions_m, self.nodes[index as usize])));
         }
         all[*place as usize].depth_m(point)
     }
@@ -119,7 +120,7 @@ impl<'a> Neighbourhood<'a> {
         depth_m > 0.0 && depth_m > HAIR * self.bounds[index as usize].extent_m()
     }
 
-    /// The tet of these that is around a point, or the one near it that it is least outside of.
+    /// The tet of these that is around a point that is asked about, or the one near it that it is least outside of.
     pub fn home(&self, point: DVec3, is_of_these: impl Fn(u32) -> bool) -> Option<u32> {
         // Most points are in one, which has the point in its box, too.
         let spot = Spot::of(point);
@@ -148,6 +149,7 @@ impl<'a> Neighbourhood<'a> {
     /// Finds the parts that some tets fall into when only ways through faces, and through tets near a point, count; of these the point is nowhere more than
     /// `radius_m` outside. Tells how many there are.
     pub fn parts_around(&mut self, point: DVec3, radius_m: f64, homes: impl Iterator<Item = u32> + Clone) -> usize {
+        self.join();
         self.parts_before = self.parts;
         self.points += 1;
         self.nearest_of_part.clear();
@@ -164,6 +166,13 @@ impl<'a> Neighbourhood<'a> {
             }
         }
         self.nearest_of_part.len()
+    }
+
+    /// Finds the tets beyond all faces, unless they are known: who asks for homes alone needs none of them.
+    fn join(&mut self) {
+        if self.joined.is_empty() {
+            self.joined = joined(&self.nodes);
+        }
     }
 
     /// Of a part around the point that was asked about last the first tet that is around it, or the one that it is least outside of.
@@ -235,48 +244,6 @@ impl Nearest {
     }
 }
 
-/// A face that was met, but for its lowest node.
-struct Met {
-    others: [u32; 2],
-    /// How many tets have it.
-    tets: u32,
-    /// The first and the last place where it was met (4 × tet + face).
-    first: u32,
-    last: u32,
-    /// The face of the same lowest node that was met before it, or none.
-    before: u32,
-}
-
-/// For each tet the others that have a face with it alone. `nodes`: how many there are.
-fn joined(nodes: usize, tets: &[[u32; 4]]) -> Vec<[u32; 4]> {
-    // Few faces have the same lowest node, so that each is found among them faster than all are sorted.
-    let mut last_at: Vec<u32> = vec![NONE; nodes];
-    let mut faces: Vec<Met> = Vec::with_capacity(3 * tets.len());
-    for (index, nodes) in (0..).zip(tets) {
-        for (face, places) in (0..).zip(FACES) {
-            let [lowest, b, c] = sorted(places.map(|place| nodes[place]));
-            let place: u32 = 4 * index + face;
-            let mut met = last_at[lowest as usize];
-            while met != NONE && faces[met as usize].others != [b, c] {
-                met = faces[met as usize].before;
-            }
-            if met != NONE {
-                let same = &mut faces[met as usize];
-                (same.tets, same.last) = (same.tets + 1, place);
-                continue;
-            }
-            let before = std::mem::replace(&mut last_at[lowest as usize], faces.len() as u32);
-            faces.push(Met { others: [b, c], tets: 1, first: place, last: place, before });
-        }
-    }
-    let mut joined = vec![[NONE; 4]; tets.len()];
-    for Met { first, last, .. } in faces.into_iter().filter(|face| face.tets == 2) {
-        joined[first as usize / 4][first as usize % 4] = last / 4;
-        joined[last as usize / 4][last as usize % 4] = first / 4;
-    }
-    joined
-}
-
 #[cfg(test)]
 pub mod tests {
     use super::*;
@@ -320,20 +287,21 @@ pub mod tests {
             let is_one = |tet: &[u32; 4]| signed_volume(corners(&positions_m, *tet)) > 0.0;
             let tets: Vec<[u32; 4]> = tets.into_iter().filter(is_one).collect();
             let rest = TetMesh { regions: vec![0; tets.len()], positions_m: positions_m.clone(), tets: tets.clone() };
-            let near = Neighbourhood::new(&rest, (0..tets.len() as u32).collect());
+            let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
+            let near = Neighbourhood::new(&rest, (0..tets.len() as u32).collect(), points.iter().copied());
             for point in points {
-                let point = DVec3::from_array(point);
                 let first = (0..tets.len() as u32).find(|index| near.is_around(*index, near.depth_m(*index, point)));
                 let home = near.home(point, |_| true);
                 prop_assert!(first.is_none() || home == first, "{point}: {home:?}, not {first:?}");
                 prop_assert!(home.is_some() || tets.is_empty());
             }
+            let joined = joined(&tets);
             for (index, nodes) in tets.iter().enumerate() {
                 for (face, places) in FACES.iter().enumerate() {
                     let has_face = |other: &usize| places.iter().all(|place| tets[*other].contains(&nodes[*place]));
                     let others: Vec<usize> = (0..tets.len()).filter(|other| *other != index && has_face(other)).collect();
                     let expected = if let [other] = others[..] { other as u32 } else { NONE };
-                    prop_assert_eq!(near.joined[index][face], expected);
+                    prop_assert_eq!(joined[index][face], expected);
                 }
             }
         }
@@ -347,11 +315,12 @@ pub mod tests {
             more_m in 0.0..1.0_f64,
         ) {
             let rest = lattice(&is_there);
-            let mut near = Neighbourhood::new(&rest, (0..rest.tets.len() as u32).collect());
+            let mut near = Neighbourhood::new(&rest, (0..rest.tets.len() as u32).collect(), std::iter::empty());
             for (point, homes) in points.into_iter().zip(homes) {
                 let point = DVec3::from_array(point.map(|eighths| f64::from(eighths) / 8.0));
                 let homes = homes.iter().filter(|_| !rest.tets.is_empty()).map(|home| (home % rest.tets.len()) as u32);
                 let homes: Vec<u32> = homes.collect();
+                let joined = joined(&rest.tets);
                 let radius_m = more_m + homes.iter().map(|home| -near.depth_m(*home, point)).fold(0.0, f64::max);
                 let mut expected: Vec<Vec<u32>> = Vec::new();
                 for home in &homes {
@@ -362,7 +331,7 @@ pub mod tests {
                     let mut next = 0;
                     while let Some(index) = part.get(next).copied() {
                         next += 1;
-                        for other in near.joined[index as usize] {
+                        for other in joined[index as usize] {
                             if other != NONE && !part.contains(&other) && near.depth_m(other, point) >= -radius_m {
                                 part.push(other);
                             }

@@ -128,6 +128,16 @@ pub fn sorted([a, b, c]: [u32; 3]) -> [u32; 3] {
     [low.min(c), low.max(high.min(c)), high.max(c)]
 }
 
+/// An edge as one number, the lower node in front: these have the order of the nodes, and take one comparison.
+pub fn number_of_edge([a, b]: [u32; 2]) -> u64 {
+    u64::from(a.min(b)) << u32::BITS | u64::from(a.max(b))
+}
+
+/// The nodes of the edge that has a number, the lower one first.
+pub fn edge_of_number(number: u64) -> [u32; 2] {
+    [(number >> u32::BITS) as u32, number as u32]
+}
+
 /// A point in double precision.
 pub fn at(positions_m: &[[f32; 3]], node: u32) -> DVec3 {
     DVec3::from_array(positions_m[node as usize].map(f64::from))
@@ -214,6 +224,17 @@ mod tests {
             let is_in = is_between(around.low_m, around.high_m, in_mesh.map(f64::from));
             prop_assert_eq!(around.single().has(&Spot::at(&in_mesh)), is_in);
             prop_assert_eq!(Sides::touch([around.single().sides(&in_mesh)]), is_in);
+        }
+
+        #[test]
+        fn numbers_of_edges_have_the_order_of_their_nodes(edges in prop::array::uniform2(prop::array::uniform2(0..3_u32))) {
+            let edges = edges.map(|edge| edge.map(|node| node * (u32::MAX / 2)));
+            let [mut one, mut other] = edges;
+            one.sort_unstable();
+            other.sort_unstable();
+            let numbers = edges.map(number_of_edge);
+            prop_assert_eq!(numbers.map(edge_of_number), [one, other]);
+            prop_assert_eq!(numbers[0].cmp(&numbers[1]), one.cmp(&other));
         }
 
         #[test]

@@ -1,6 +1,6 @@
 //! Makes the mesh fit the sheet: snaps nodes to it and bisects edges, until no edge leads from one side to the other.
 
-use super::places::{Sides, at, corners, to_single};
+use super::places::{Sides, at, corners, edge_of_number, number_of_edge, to_single};
 use super::sheet::{Crossing, Sheet};
 use super::stars::Stars;
 use super::{CutOptions, CutReport, Cuttable};
@@ -58,17 +58,17 @@ impl<'a> Work<'a> {
     fn crossings(&self, sheet: &Sheet) -> Vec<Crossed> {
         const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
         let position_m = &self.tissue.position_m;
-        let mut edges: Vec<[u32; 2]> = Vec::new();
+        let mut edges: Vec<u64> = Vec::with_capacity(2 * self.near.len());
         for tet in &self.near {
             let nodes = self.tissue.rest.tets[*tet as usize];
             let sides = nodes.map(|node| sheet.sides(&position_m[node as usize]));
             let near = EDGES.into_iter().filter(|[a, b]| Sides::touch([sides[*a], sides[*b]]));
-            edges.extend(near.map(|[a, b]| [nodes[a].min(nodes[b]), nodes[a].max(nodes[b])]));
+            edges.extend(near.map(|[a, b]| number_of_edge([nodes[a], nodes[b]])));
         }
         edges.sort_unstable();
         edges.dedup();
         let crosses = |edge: [u32; 2]| Some((edge, sheet.crossing(at(position_m, edge[0]), at(position_m, edge[1]))?));
-        edges.into_iter().filter_map(crosses).collect()
+        edges.into_iter().map(edge_of_number).filter_map(crosses).collect()
     }
 
     pub fn refine(&mut self, sheet: &Sheet, report: &mut CutReport) {

@@ -2,9 +2,10 @@
 
 use super::CutReport;
 use super::fans::{Fan, faces_at, fan, fan_of};
-use super::places::{at, sorted};
+use super::places::at;
 use super::refine::Work;
 use glam::DVec3;
+use std::iter;
 
 /// Times that faces are taken back because of what they would make of the boundary; after these none is opened before the next sweep of the stroke.
 const ROUNDS: usize = 12;
@@ -30,8 +31,9 @@ impl Work<'_> {
     /// The same of these faces, which are sorted.
     pub fn open_faces(&mut self, mut faces: Vec<Face>, report: &mut CutReport) -> Vec<[u32; 2]> {
         let wanted = faces.len();
+        let mut asked = nodes_of(&faces);
         for round in 0..ROUNDS {
-            let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| self.parting(node, &faces)).collect();
+            let partings: Vec<Parting> = asked.iter().filter_map(|node| self.parting(*node, &faces)).collect();
             let has_room = partings.iter().map(|(_, parts)| parts.len()).sum::<usize>() <= self.room();
             if partings.is_empty() || !has_room || round + 1 == ROUNDS {
                 report.out_of_room += usize::from(!has_room);
@@ -52,6 +54,9 @@ impl Work<'_> {
             }
             self.join_again(&partings, &copies, nodes);
             faces = self.without(faces, &bad);
+            // A star that hangs together hangs together by more faces, too: no other node is parted any more.
+            let was_parted = |node: &u32| partings.binary_search_by_key(node, |(node, _)| *node).is_ok();
+            asked = nodes_of(&faces).into_iter().filter(was_parted).collect();
         }
         Vec::new()
     }
@@ -150,14 +155,19 @@ impl Work<'_> {
     /// The parts of a node's star that hang together by faces other than these, without the first; `None` if there is one part only.
     fn parting(&self, node: u32, faces: &[Face]) -> Option<Parting> {
         let star = self.star.of(node);
+        // Few of these faces are at the node, and among few one is found sooner than among all.
+        let open: Vec<[u32; 2]> = faces.iter().filter_map(|face| others_of(face, node)).collect();
         let mut part: Vec<usize> = (0..star.len()).collect();
         for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
-            let [([a, b], first), (_, second)] = same else { continue };
-            if faces.binary_search(&sorted([node, *a, *b])).is_ok() {
-                continue;
-            }
+            let [(others, first), (_, second)] = same else { continue };
             let (kept, joined) = (part[*first].min(part[*second]), part[*first].max(part[*second]));
-            part.iter_mut().filter(|part| **part == joined).for_each(|part| *part = kept);
+            if kept < joined && !open.contains(others) {
+                part.iter_mut().filter(|part| **part == joined).for_each(|part| *part = kept);
+            }
+        }
+        // Most stars hang together.
+        if part.iter().all(|part| *part == 0) {
+            return None;
         }
         let mut names = part.clone();
         names.sort_unstable();
@@ -217,13 +227,9 @@ impl Work<'_> {
         self.touched.push(tet);
     }
 
-    /// Nodes around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
+    /// Nodes at and around the partings, by their originals, at which the boundary is no surface, and was one without the copies.
     fn spoilt_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
-        let parted = partings.iter().map(|(node, _)| *node).chain(copies.iter().map(|[copy, _]| *copy));
-        let tets = parted.flat_map(|node| self.star.of(node).iter().copied());
-        let mut nodes: Vec<u32> = tets.flat_map(|tet| self.tissue.rest.tets[tet as usize]).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
+        let nodes = self.torn_nodes(partings, copies);
         let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
         let mut bad: Vec<u32> = nodes.into_iter().filter(|node| fan(self, *node) == Fan::Bad).map(original).collect();
         bad.sort_unstable();
@@ -234,6 +240,27 @@ impl Work<'_> {
             fan_of(tets.map(|tet| self.tissue.rest.tets[*tet as usize].map(original)), *node) != Fan::Bad
         });
         bad
+    }
+
+    /// The nodes that partings may spoil, sorted: those that were parted, their copies, and those whose stars have two of what was one node. At every other one
+    /// the boundary is what it was, but for the names of nodes. The copies are in the order of the partings.
+    fn torn_nodes(&self, partings: &[Parting], copies: &[[u32; 2]]) -> Vec<u32> {
+        let mut copies = copies.iter().map(|[copy, _]| *copy);
+        let mut torn = Vec::new();
+        // For each node the last parted one whose star it was seen in, or in that of a copy of it, and which of these it was.
+        let mut seen_in = vec![None; self.star.nodes()];
+        for (original, parts) in partings {
+            for node in iter::once(*original).chain(copies.by_ref().take(parts.len())) {
+                torn.push(node);
+                for other in self.star.of(node).iter().flat_map(|tet| self.tissue.rest.tets[*tet as usize]) {
+                    let before = seen_in[other as usize].replace((*original, node));
+                    torn.extend(before.filter(|(of, by)| of == original && *by != node).map(|_| other));
+                }
+            }
+        }
+        torn.sort_unstable();
+        torn.dedup();
+        torn
     }
 
     /// The faces without those at bad nodes; without those near them, if these have none.
@@ -267,6 +294,17 @@ impl Work<'_> {
     }
 }
 
+/// The other two nodes of a face that has a node.
+fn others_of([a, b, c]: &Face, node: u32) -> Option<[u32; 2]> {
+    if *a == node {
+        Some([*b, *c])
+    } else if *b == node {
+        Some([*a, *c])
+    } else {
+        (*c == node).then_some([*a, *b])
+    }
+}
+
 fn nodes_of(faces: &[Face]) -> Vec<u32> {
     let mut nodes: Vec<u32> = faces.as_flattened().to_vec();
     nodes.sort_unstable();
@@ -275,115 +313,4 @@ fn nodes_of(faces: &[Face]) -> Vec<u32> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cut::{CutOptions, Cuttable};
-    use hyst_mesh::TetMesh;
-    use proptest::prelude::*;
-    use proptest::test_runner::RngSeed;
-
-    /// Orders of the axes along which six tets of a cube lead from one of its corners to the opposite one.
-    const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-    /// Cells of a block along each edge.
-    const CELLS: u32 = 2;
-
-    /// A block of tets, of which these shares tell which are left out: what is left may touch itself in edges and nodes.
-    fn block(shares: &[u8]) -> Cuttable {
-        let node = |[x, y, z]: [u32; 3]| (z * (CELLS + 1) + y) * (CELLS + 1) + x;
-        let cells = (0..CELLS.pow(3)).map(|cell| [cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS]);
-        let of_cell = |low: [u32; 3]| {
-            ORDERS.map(|order| {
-                let mut place = low;
-                let ends = order.map(|axis| {
-                    place[axis] += 1;
-                    node(place)
-                });
-                [node(low), ends[0], ends[1], ends[2]]
-            })
-        };
-        let mut shares = shares.iter().cycle();
-        let tets: Vec<[u32; 4]> = cells.flat_map(of_cell).filter(|_| shares.next() > Some(&0)).collect();
-        let positions_m = vec![[0.0; 3]; (CELLS + 1).pow(3) as usize];
-        Cuttable::at_rest(TetMesh { positions_m, regions: vec![0; tets.len()], tets })
-    }
-
-    /// The faces between two tets, sorted.
-    fn inner_faces(work: &Work) -> Vec<Face> {
-        let mut faces: Vec<Face> = (0..work.tissue.rest.tets.len() as u32).flat_map(|tet| work.faces_of(tet)).collect();
-        faces.sort_unstable();
-        faces.dedup();
-        faces.retain(|face| work.tets_at(face).is_some());
-        faces
-    }
-
-    fn bad_nodes(work: &Work) -> Vec<u32> {
-        (0..work.star.nodes() as u32).filter(|node| fan(work, *node) == Fan::Bad).collect()
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 500, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..ProptestConfig::default() })]
-
-        #[test]
-        fn nodes_are_spoilt_that_are_bad_with_the_copies_and_were_not_before(
-            left_out in prop::collection::vec(0..12_u8, 48),
-            opened in prop::collection::vec(0..10_u8, 96),
-            share in 1..10_u8,
-        ) {
-            let (mut tissue, options) = (block(&left_out), CutOptions::default());
-            let mut work = Work::new(&mut tissue, &options, Vec::new());
-            let mut opened = opened.into_iter().cycle();
-            let mut faces = inner_faces(&work);
-            faces.retain(|_| opened.next() < Some(share));
-            let (before, bad_before, nodes) = (work.tissue.rest.clone(), bad_nodes(&work), work.star.nodes());
-            let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| work.parting(node, &faces)).collect();
-            let copies = work.part(&partings);
-            let original = |node: u32| copies.iter().find(|[copy, _]| *copy == node).map_or(node, |[_, original]| *original);
-            let mut expected: Vec<u32> = bad_nodes(&work).into_iter().map(original).collect();
-            expected.retain(|node| !bad_before.contains(node));
-            expected.sort_unstable();
-            expected.dedup();
-            prop_assert_eq!(work.spoilt_nodes(&partings, &copies), expected);
-            work.join_again(&partings, &copies, nodes);
-            prop_assert_eq!(&work.tissue.rest.tets, &before.tets);
-            prop_assert_eq!(work.star.nodes(), nodes);
-        }
-
-        #[test]
-        fn faces_on_the_sheet_are_those_between_two_tets_whose_nodes_all_are(
-            left_out in prop::collection::vec(0..12_u8, 48),
-            is_marked in prop::collection::vec(any::<bool>(), 27),
-        ) {
-            let (mut tissue, options) = (block(&left_out), CutOptions::default());
-            tissue.marks = is_marked.iter().map(|is_marked| [0.0, 0.0, f32::from(u8::from(*is_marked))]).collect();
-            let mut work = Work::new(&mut tissue, &options, Vec::new());
-            work.on_sheet = work.tets_on_sheet();
-            let mut expected = inner_faces(&work);
-            expected.retain(|face| face.iter().all(|node| is_marked[*node as usize]));
-            let tets = |face: &Face| (*face, work.tets_at(face).expect("an inner face"));
-            prop_assert_eq!(work.marked_faces(), expected.iter().map(tets).collect::<Vec<_>>());
-        }
-    }
-
-    /// The last node was taken away where no tet had used it: a sweep that changed nothing left a mark too few, and everybody refused the state with it.
-    #[test]
-    fn what_is_joined_again_has_as_many_nodes_as_before_also_where_no_tet_used_the_last_one() {
-        let positions_m =
-            vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]];
-        let tets = vec![[0, 1, 2, 3], [4, 1, 3, 2]];
-        let mut tissue = Cuttable::at_rest(TetMesh { positions_m, tets, regions: vec![0; 2] });
-        let counts = |tissue: &Cuttable| {
-            let points = [&tissue.rest.positions_m, &tissue.position_m, &tissue.velocity_m_s, &tissue.marks];
-            (points.map(Vec::len), tissue.fixed.len(), tissue.rest.tets.clone())
-        };
-        let (before, options) = (counts(&tissue), CutOptions::default());
-        let mut work = Work::new(&mut tissue, &options, vec![0, 1]);
-        let stars = |work: &Work| (0..work.star.nodes() as u32).map(|node| work.star.of(node).to_vec()).collect::<Vec<_>>();
-        let (star, free, nodes) = (stars(&work), work.free.clone(), work.star.nodes());
-        let partings: Vec<Parting> = [1, 2, 3].into_iter().map(|node| (node, vec![vec![1]])).collect();
-        let copies = work.part(&partings);
-        assert_eq!(copies, [[5, 1], [6, 2], [7, 3]], "the two that no tet uses, and one more");
-        work.join_again(&partings, &copies, nodes);
-        assert_eq!((stars(&work), &work.free), (star, &free));
-        assert_eq!(counts(&tissue), before);
-    }
-}
+mod tests;

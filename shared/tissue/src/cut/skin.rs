@@ -7,7 +7,7 @@
 
 use super::cells::Cells;
 use super::neighbourhood::Neighbourhood;
-use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, to_single};
+use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, edge_of_number, number_of_edge, to_single};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -65,13 +65,14 @@ impl Skin {
         let now_m = &self.place(&tissue.rest.tets, &tissue.position_m)[..];
         let sides: Vec<Sides> = now_m.iter().map(|vertex| sheet.sides(vertex)).collect();
         let is_near = |triangle: &&[u32; 3]| Sides::touch(triangle.map(|vertex| sides[vertex as usize]));
-        let near = self.triangles.iter().filter(is_near).flat_map(edges_of);
-        let mut edges: Vec<[u32; 2]> = near.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize]))).collect();
+        let edges = self.triangles.iter().filter(is_near).flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+        let near = edges.filter(|edge| Sides::touch(edge.map(|vertex| sides[vertex as usize])));
+        let mut edges: Vec<u64> = near.map(number_of_edge).collect();
         edges.sort_unstable();
         edges.dedup();
         // By the edges, in their order.
         let (mut middles, mut out_of_room) = (Vec::new(), 0);
-        for [a, b] in edges {
+        for [a, b] in edges.into_iter().map(edge_of_number) {
             let (from, to) = (at(now_m, a), at(now_m, b));
             let Some(crossing) = sheet.crossing(from, to) else { continue };
             let nearest_m = crossing.share.min(1.0 - crossing.share) * from.distance(to);
@@ -132,17 +133,37 @@ impl Skin {
         }
         let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
         let reach = self.around(&near).with(box_of_change);
-        let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets));
-        let hosted: Vec<Hosted> = near.into_iter().filter_map(|triangle| self.host(&place, triangle)).collect();
+        let unders: Vec<Under> = near.into_iter().map(|triangle| self.under(triangle)).collect();
+        let asked_m = unders.iter().map(|under| under.point);
+        let mut place = Neighbourhood::new(rest, reach.tets_in(&rest.positions_m, &rest.tets), asked_m);
+        let hosted: Vec<Hosted> = unders.iter().filter_map(|under| self.host(&place, under)).collect();
         // Each loose vertex with its triangles, in their order.
-        let mut at_vertex: Vec<[u32; 2]> = Vec::with_capacity(3 * hosted.len());
-        for (index, one) in (0..).zip(&hosted) {
-            let corners = self.triangles[one.triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]);
-            at_vertex.extend(corners.map(|vertex| [vertex, index]));
+        let (at_vertices, ends) = self.hosted_at(&loose, &hosted);
+        let (mut first, mut out_of_room) = (0, 0);
+        for (vertex, end) in (0..).zip(ends) {
+            out_of_room += self.part(&mut place, &hosted, (vertex, &at_vertices[first..end]), options);
+            first = end;
         }
-        at_vertex.sort_unstable_by_key(|[vertex, index]| u64::from(*vertex) << 32 | u64::from(*index));
-        let by_vertex = at_vertex.chunk_by(|one, other| one[0] == other[0]);
-        by_vertex.map(|at_vertex| self.part(&mut place, &hosted, at_vertex, options)).sum()
+        out_of_room
+    }
+
+    /// The triangles at each of some vertices, by their places among those that are hosted and in their order; and where those of each vertex end. Sorted by
+    /// counting.
+    fn hosted_at(&self, is_one: &[bool], hosted: &[Hosted]) -> (Vec<u32>, Vec<usize>) {
+        let corners = |(place, one): (u32, &Hosted)| self.triangles[one.triangle as usize].map(|vertex| (vertex as usize, place));
+        let corners = (0..).zip(hosted).flat_map(corners).filter(|(vertex, _)| is_one[*vertex]);
+        let mut ends = vec![0; is_one.len()];
+        corners.clone().for_each(|(vertex, _)| ends[vertex] += 1);
+        let mut all = 0;
+        for end in &mut ends {
+            all += std::mem::replace(end, all);
+        }
+        let mut at_vertices = vec![0; all];
+        for (vertex, place) in corners {
+            at_vertices[ends[vertex]] = place;
+            ends[vertex] += 1;
+        }
+        (at_vertices, ends)
     }
 
     /// The box around some triangles at rest.
@@ -151,22 +172,34 @@ impl Skin {
         SingleBounds::around(vertices.map(|vertex| self.rest_m[vertex as usize]))
     }
 
-    /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
-    fn host(&self, place: &Neighbourhood<'_>, triangle: u32) -> Option<Hosted> {
-        let names = self.triangles[triangle as usize];
-        let [a, b, c] = names.map(|vertex| at(&self.rest_m, vertex));
+    /// The point just under the middle of a triangle.
+    fn under(&self, triangle: u32) -> Under {
+        let [a, b, c] = self.triangles[triangle as usize].map(|vertex| at(&self.rest_m, vertex));
         let (middle, outward) = ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero());
-        let under = middle - outward * (UNDER_SHARE * middle.distance(a));
-        let region = place.rest.regions[self.bindings[names[0] as usize].tet as usize];
-        let home = place.home(under, |index| place.region(index) == region)?;
-        Some(Hosted { triangle, home, middle })
+        Under { triangle, point: middle - outward * (UNDER_SHARE * middle.distance(a)), middle }
     }
 
-    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `at_vertex`: the vertex with each of them.
-    /// Tells how many found no room.
-    fn part(&mut self, place: &mut Neighbourhood<'_>, hosted: &[Hosted], at_vertex: &[[u32; 2]], options: &CutOptions) -> usize {
-        let Some([vertex, _]) = at_vertex.first().copied() else { return 0 };
-        let triangles = || at_vertex.iter().map(|[_, index]| &hosted[*index as usize]);
+    /// The tet that a triangle lies at: the one around the point under it, or the nearest; of the object that it was bound to.
+    fn host(&self, place: &Neighbourhood<'_>, under: &Under) -> Option<Hosted> {
+        let [first, ..] = self.triangles[under.triangle as usize];
+        let region = place.rest.regions[self.bindings[first as usize].tet as usize];
+        let home = place.home(under.point, |index| place.region(index) == region)?;
+        Some(Hosted { triangle: under.triangle, home, middle: under.middle })
+    }
+
+    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. `own`: the places of these triangles among
+    /// those that are hosted. Tells how many found no room.
+    fn part(
+        &mut self,
+        place: &mut Neighbourhood<'_>,
+        hosted: &[Hosted],
+        (vertex, own): (u32, &[u32]),
+        options: &CutOptions,
+    ) -> usize {
+        if own.is_empty() {
+            return 0;
+        }
+        let triangles = || own.iter().map(|index| &hosted[*index as usize]);
         let point = at(&self.rest_m, vertex);
         // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
         let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
@@ -194,23 +227,27 @@ impl Skin {
     /// Lets come apart what still joins two parts: a vertex that its triangles share follows one tet for as long as a way leads from one to the other, and is not
     /// looked at again where the wire goes through that way at some distance. `part_of_tet`: the part of each tet. Tells how many vertices found no room.
     pub(super) fn part_by(&mut self, rest: &TetMesh, part_of_tet: &[u32], options: &CutOptions) -> usize {
-        let part_of = |skin: &Skin, vertex: u32| part_of_tet[skin.bindings[vertex as usize].tet as usize];
+        // Once for each vertex: some six triangles have it.
+        let part_of: Vec<u32> = self.bindings.iter().map(|binding| part_of_tet[binding.tet as usize]).collect();
         let joins = |triangle: &u32| {
-            let [a, b, c] = self.triangles[*triangle as usize].map(|vertex| part_of(self, vertex));
-            a != b || b != c
+            let [a, b, c] = self.triangles[*triangle as usize].map(|vertex| part_of[vertex as usize]);
+            (a != b) | (b != c)
         };
         let joining: Vec<u32> = (0..self.triangles.len() as u32).filter(joins).collect();
         if joining.is_empty() {
             return 0;
         }
-        let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets));
+        let unders: Vec<Under> = joining.iter().map(|triangle| self.under(*triangle)).collect();
+        let vertices = joining.iter().flat_map(|triangle| self.triangles[*triangle as usize]);
+        let asked_m = unders.iter().map(|under| under.point).chain(vertices.map(|vertex| at(&self.rest_m, vertex)));
+        let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets), asked_m);
         let (mut own, mut out_of_room) = (BTreeMap::new(), 0);
-        for triangle in joining {
-            let Some(Hosted { home, .. }) = self.host(&place, triangle) else { continue };
+        for under in unders {
+            let Some(Hosted { triangle, home, .. }) = self.host(&place, &under) else { continue };
             let part = part_of_tet[place.tets[home as usize] as usize];
             for corner in 0..3 {
                 let vertex = self.triangles[triangle as usize][corner];
-                if part_of(self, vertex) == part {
+                if part_of[vertex as usize] == part {
                     continue;
                 }
                 let known = own.get(&(vertex, part)).copied();
@@ -272,11 +309,6 @@ impl Skin {
     }
 }
 
-fn edges_of(triangle: &[u32; 3]) -> [[u32; 2]; 3] {
-    let [a, b, c] = *triangle;
-    [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
-}
-
 /// The parts of a triangle whose edges have these middles, which are sorted by them.
 fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut([u32; 3])) {
     let [a, b, c] = triangle;
@@ -312,6 +344,13 @@ fn bound(place: &Neighbourhood<'_>, index: u32, point: DVec3) -> Binding {
 fn face_beside(rest: &TetMesh, tet: u32, other: u32) -> Option<[usize; 3]> {
     let [own, others] = [tet, other].map(|tet| rest.tets[tet as usize].map(|node| rest.positions_m[node as usize]));
     FACES.into_iter().find(|face| face.iter().all(|place| others.contains(&own[*place])))
+}
+
+/// A triangle with the point just under its middle, and the middle, at rest.
+struct Under {
+    triangle: u32,
+    point: DVec3,
+    middle: DVec3,
 }
 
 /// A triangle with the tet that it lies at, by its index in the neighbourhood, and its middle at rest.
