@@ -66,8 +66,10 @@ pub struct Record {
     pub substeps: u32,
     /// Most contacts in a step.
     pub contacts: usize,
-    /// What the tool felt after the last step, N.
+    /// What the tool felt after the last step, N, wherever it acts.
     pub force_n: [f32; 3],
+    /// What the hand is told then, N: the force of the planes at the tip.
+    pub told_n: [f32; 3],
     /// Elastic energy before the last step, J.
     #[cfg(test)]
     pub energy_j: f64,
@@ -284,9 +286,10 @@ impl Press {
         laps.lap();
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
-        let (_, force_n) = self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
+        let (planes, force_n) = self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
         laps.lap();
         laps.record.force_n = force_n;
+        laps.record.told_n = planes.force_n(pose.position_m);
         drop(input);
         record.substeps = report.substeps;
         #[cfg(test)]
