@@ -144,6 +144,8 @@ pub struct Workshop {
 pub struct Otherwise {
     /// Steps in each tick of the hand; of more than one none has mass added.
     pub finer: u32,
+    /// Or ticks of the hand in each step, as where a machine affords no shorter ones.
+    pub step_ticks: u32,
     /// How many times as stiff the contacts of the tool are.
     pub stiffer: f32,
     /// Most substeps of a step that are tried first: with fewer more mass is added.
@@ -155,7 +157,7 @@ pub struct Otherwise {
 impl Default for Otherwise {
     /// As in the station.
     fn default() -> Otherwise {
-        Otherwise { finer: 1, stiffer: 1.0, first_substeps: model::MAX_SUBSTEPS[0], searches: false }
+        Otherwise { finer: 1, step_ticks: 1, stiffer: 1.0, first_substeps: model::MAX_SUBSTEPS[0], searches: false }
     }
 }
 

@@ -54,7 +54,8 @@ fn a_wall_beyond_the_passivity_bound_does_buzz_so_that_the_test_above_means_some
 fn the_coupling_obeys_colgates_bound() {
     let params = ServoParams { coupling_stiffness_n_m: 1e5, ..ServoParams::default() };
     let limit = params.coupling_limit_n_m(1e-3);
-    let needed = limit * 1e-3 * (0.5 + params.loop_delay_ticks) + params.max_damping_n_s_m;
+    // With the bristle of friction, a tenth of the coupling.
+    let needed = 1.1 * limit * 1e-3 * (0.5 + params.loop_delay_ticks) + params.max_damping_n_s_m;
     assert!(needed <= params.device_damping_n_s_m * 1.0001 && needed > 0.99 * params.device_damping_n_s_m);
 }
 

@@ -106,7 +106,7 @@ fn a_tip_that_stops_stays_where_it_is_and_one_that_is_lifted_off_is_held_by_noth
     let held_n = tip.force_n();
     assert!(near(held_n, Vec3::Z - Vec3::X * FRICTION), "{held_n}");
     tip.slide(Vec3::ZERO, 5_000, &model);
-    assert_eq!(tip.force_n(), held_n, "it does not creep");
+    assert!(tip.force_n().distance(held_n) < 1e-6, "it does not creep: {:?}", tip.force_n());
     // Half as deep: half of the push, half of the friction.
     tip.slide(Vec3::Z * 0.01, 125, &model);
     assert!(near(tip.force_n(), Vec3::Z * 0.5 - Vec3::X * FRICTION * 0.5), "{:?}", tip.force_n());

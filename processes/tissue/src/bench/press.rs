@@ -6,7 +6,8 @@ use crate::through::Passage;
 use crate::tool::Stand;
 use crate::world::{Otherwise, Workshop, World};
 use hyst_contact::{
-    Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Points, Share, Split, Tissue, intersect, intersect_brute, merge,
+    Cull, HashMut, HashRef, HashSizes, Hit, Layout, Memory, PlaneSet, Points, Share, Split, Tissue, intersect, intersect_brute,
+    merge,
 };
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
@@ -66,8 +67,10 @@ pub struct Record {
     pub substeps: u32,
     /// Most contacts in a step.
     pub contacts: usize,
-    /// What the tool felt after the last step, N.
+    /// What the tool felt after the last step, N, wherever it acts.
     pub force_n: [f32; 3],
+    /// What the hand is told then, N: the force of the planes at the tip.
+    pub told_n: [f32; 3],
     /// Elastic energy before the last step, J.
     #[cfg(test)]
     pub energy_j: f64,
@@ -88,14 +91,16 @@ impl Record {
 
 /// Model, state and buffers of a run.
 pub struct Press {
-    /// Steps of a tick.
+    /// Steps of a tick, and ticks of a step.
     finer: usize,
+    step_ticks: usize,
     shared: Arc<Shared>,
     threads: SynchronizedThreads<Shared>,
     hand: Option<LoadedHand>,
     scratch: Scratch,
     surface: BoundSurface,
     contacts: Contacts,
+    planes: PlaneSet,
     sizes: HashSizes,
     hits: Vec<Hit>,
     memory: Vec<Memory>,
@@ -131,7 +136,7 @@ impl Press {
 
     /// The same of a world that was made of a scene so, whatever has been cut of it.
     pub fn of(world: World, scene: &LoadedScene, threads: usize, otherwise: Otherwise) -> Result<Press, String> {
-        let Otherwise { finer, stiffer, searches, .. } = otherwise;
+        let Otherwise { finer, step_ticks, stiffer, searches, .. } = otherwise;
         let (points, nodes, tets) = (world.points.len(), world.model.node_count(), world.model.tets().len());
         let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
@@ -147,11 +152,13 @@ impl Press {
         });
         Ok(Press {
             finer: finer.max(1) as usize,
+            step_ticks: step_ticks.max(1) as usize,
             threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
             hand: scene.hand("press").cloned(),
             scratch: Scratch::new(&shared.world.model),
             surface: BoundSurface::new(&shared.world.body.skin.bindings, shared.world.model.tets()),
             contacts,
+            planes: PlaneSet::default(),
             sizes,
             hits: vec![Hit::default(); room],
             memory: vec![Memory::default(); shared.world.points.tool],
@@ -172,7 +179,7 @@ impl Press {
 
     /// Substeps of a step.
     pub fn substeps(&self) -> u32 {
-        self.shared.world.model.substeps(f64::from(DT_S) / self.finer as f64)
+        self.shared.world.model.substeps(f64::from(DT_S) * self.step_ticks as f64 / self.finer as f64)
     }
 
     /// Number of points: of the shaft, and of tissue; the loop stays in its sheath.
@@ -225,15 +232,25 @@ impl Press {
         self.shared.world.model.rest_m()
     }
 
-    /// One tick of the hand, in so many steps as it was made for.
+    /// Whether a step begins in a tick.
+    pub fn has_step(&self, tick: usize) -> bool {
+        tick.is_multiple_of(self.step_ticks)
+    }
+
+    /// One tick of the hand, in so many steps as it was made for; where none begins the hand is told what the planes of the last one are where the tip is now.
     pub fn tick(&mut self, tick: usize, record: &mut Record) -> Result<(), String> {
+        if !self.has_step(tick) {
+            record.told_n = self.planes.force_n(self.pose(tick).position_m);
+            return Ok(());
+        }
         (0..self.finer).try_for_each(|_| self.step(tick, record))
     }
 
     fn step(&mut self, tick: usize, record: &mut Record) -> Result<(), String> {
         let shared = Arc::clone(&self.shared);
         let world = &shared.world;
-        let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(1)));
+        let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(self.step_ticks)));
+        let since_s = DT_S * self.step_ticks as f32;
         let mut laps = Laps { last_ns: system::now_ns(), phase: 0, record };
 
         {
@@ -253,14 +270,14 @@ impl Press {
         let tool = ToolMotion {
             points_m: &self.points_m,
             before: (&before, Stand::default()),
-            since_s: DT_S,
+            since_s,
             tip_m: pose.position_m,
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
             orientation: pose.orientation,
         };
         let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
         let table = HashRef::in_words(&input.table).map_err(text)?;
-        let dt_s = DT_S / self.finer as f32;
+        let dt_s = since_s / self.finer as f32;
         let passage = Passage { hash: &table, velocities_m_s, dt_s };
         self.contacts.meet(world, &self.hits[..found], (&tool, &passage), positions_m, &mut self.memory).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
@@ -284,9 +301,10 @@ impl Press {
         laps.lap();
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
-        let (_, force_n) = self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
+        (self.planes, laps.record.force_n) =
+            self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
         laps.lap();
-        laps.record.force_n = force_n;
+        laps.record.told_n = self.planes.force_n(pose.position_m);
         drop(input);
         record.substeps = report.substeps;
         #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Promises of the knife: the surface is cut with the volume, and what hangs together is one object after each sweep, whatever it was, which is registered.
 
+mod distorted;
+
 use super::*;
 use crate::site::SiteManager;
 use crate::world::Workshop;

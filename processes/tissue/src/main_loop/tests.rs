@@ -52,10 +52,15 @@ impl Drop for Wiped {
 
 /// A station with steps of one tick, and the pages of a tissue, a device and a worker.
 fn founded(name: &str, settings: &str) -> (Wiped, [OwnedPage; 3]) {
+    founded_with(1, name, settings)
+}
+
+/// The same with steps of so many ticks.
+fn founded_with(step_ticks: u64, name: &str, settings: &str) -> (Wiped, [OwnedPage; 3]) {
     let station = Station::named(&format!("t{}-tissue-{name}", std::process::id())).unwrap();
     station.wipe();
     station.found().unwrap();
-    std::fs::write(station.settings(), format!("{settings}\n[set]\ntissue_step_ticks = \"1\"\n")).unwrap();
+    std::fs::write(station.settings(), format!("{settings}\n[set]\ntissue_step_ticks = \"{step_ticks}\"\n")).unwrap();
     let roles = [Role::Tissue, Role::Device, Role::CollisionWorker];
     let pages = roles.map(|role| station.create_slot(Slot::first(role), 1).unwrap());
     (Wiped(station), pages)
@@ -101,14 +106,21 @@ fn stepped(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], tick: u64, 
     fed(main, device, now, &record)
 }
 
-/// The state after a tick with an input.
+/// Whether a step begins in the tick after that of an input: of steps of several ticks nobody reads the inputs of those between.
+fn is_read(main: &MainLoop<'_>, input_tick: u64) -> bool {
+    (input_tick + 1).is_multiple_of(main.step_ticks())
+}
+
+/// The state after the step that begins in the tick after that of an input.
 fn fed(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], record: &InputRecord) -> Vec<u64> {
     device.push(device::INPUTS, record.tick, record);
     // The states of these tests have no ticks, by which the engine would look for the input.
     let may_cut = record.sample.controls.buttons & BUTTON_ENERGIZED != 0;
     let bytes = if may_cut { main.message_bytes() } else { main.next_bytes(bytemuck::cast_slice(now)) };
     let mut next = vec![0u64; bytes / 8];
-    main.step(&context(record.tick + 1), bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+    let (of_one_tick, step_ticks) = (context(record.tick + 1), main.step_ticks());
+    let context = StepContext { next_tick: of_one_tick.tick + step_ticks, step_ticks, ..of_one_tick };
+    main.step(&context, bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
     next
 }
 

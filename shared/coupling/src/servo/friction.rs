@@ -91,7 +91,7 @@ mod tests {
             friction in 0.0..1.0f32,
         ) {
             let stiffness_n_m = f64::from(SHARE) * COUPLING_N_M;
-            let (mut state, mut force_n, mut stored_j) = (ServoState::default(), DVec3::ZERO, 0.0);
+            let (mut state, mut force_n) = (ServoState::default(), DVec3::ZERO);
             let (mut given_j, mut sampled_j) = (0.0, 0.0);
             for (planes, moved_m, gain) in ticks {
                 let moved_m = DVec3::from_array(moved_m);
@@ -103,7 +103,8 @@ mod tests {
                 let made = friction_step(&mut state, (&walls, &rest, COUPLING_N_M), gain, moved_m);
                 let push_n = gain * rest.push_n.iter().sum::<f64>();
                 prop_assert!(made.force_n.length() <= f64::from(friction) * push_n + 1e-9, "{} N of {push_n} N", made.force_n);
-                (force_n, stored_j) = (made.force_n, made.stored_j);
+                force_n = made.force_n;
+                let stored_j = made.stored_j;
                 prop_assert!(given_j + stored_j <= sampled_j + 1e-8, "{given_j} J given, {stored_j} J stored, {sampled_j} J sampled");
             }
         }
