@@ -56,8 +56,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 22u
-#define HYST_LAYOUT_HASH 0x299d2732269bbe1bu
+#define HYST_LAYOUT_VERSION 23u
+#define HYST_LAYOUT_HASH 0x39a285e65abf74f2u
 #define HYST_INTERFACE_VERSION 2u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3

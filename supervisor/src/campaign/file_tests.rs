@@ -190,7 +190,7 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     assert!(set.iter().flat_map(|it| &it.pools).all(|pool| pool.limit_upper95 == 0.05));
     assert!(set.iter().flat_map(|it| &it.cells).all(|cell| cell.pool.is_some()));
     let faults = |names: &[&str]| -> BTreeSet<usize> { of(names).iter().map(|it| it.faults()).collect() };
-    assert_eq!(faults(&OF_EVERY_KIND), [544, 1_176, 1_738, 2_387].into(), "as their heads say");
+    assert_eq!(faults(&OF_EVERY_KIND), [544, 1_176, 1_738, 2_471].into(), "as their heads say");
     assert_eq!(faults(&FOUND_SLOWLY), [168, 264, 312, 528].into(), "as their heads say");
     assert_eq!(faults(&["full", "cutting"]), [204, 480].into(), "as their heads say");
     let names = [&OF_EVERY_KIND[..], &FOUND_SLOWLY, &["full"]].concat();

@@ -40,7 +40,7 @@ fn a_tool_that_is_nowhere_stays_where_it_was_and_its_state_is_gone_on_from() {
 
 #[test]
 fn a_medium_that_is_no_number_is_none_and_the_hand_beside_it_counts() {
-    let (station, pages) = founded("unfit-medium", "workers = 0");
+    let (station, pages) = founded("unsound", "workers = 0");
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
