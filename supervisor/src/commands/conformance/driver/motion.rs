@@ -13,6 +13,8 @@ const SIGNS: [f32; 8] = [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0];
 /// hardly damped goes along with each push, too.
 const PUSH_TICKS: u64 = 40;
 const TURN_TICKS: u64 = 10;
+/// Ticks of samples before the first push: where the tip is as it begins a sample says that was stamped before, and the first that is seen may be a later one.
+const LOOK_TICKS: u64 = 5;
 /// A tip that went less far was held, m: a light grip (300 N/m, 13.4 N·s/m) lets it go 0.4 mm under 0.3 N. And in steps of its resolution.
 const HELD_M: f32 = 1e-4;
 const HELD_STEPS: f32 = 2.0;
@@ -29,8 +31,8 @@ pub fn pushed(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> Resul
     let held_m = HELD_M.max(HELD_STEPS * stated.resolution_m);
     let mut told = Vec::new();
     for axis in 0..AXES.len() {
-        let begun = bench.tick() + 1;
-        bench.drive(SIGNS.len() as u64 * PUSH_TICKS + REST_TICKS, |tick| {
+        let begun = bench.tick() + 1 + LOOK_TICKS;
+        bench.drive(LOOK_TICKS + SIGNS.len() as u64 * PUSH_TICKS + REST_TICKS, |tick| {
             let mut force_n = [0.0; 3];
             force_n[axis] = most_n * share(tick.saturating_sub(begun));
             Some(fresh(tick, force_n))
