@@ -111,6 +111,7 @@ impl Through {
                 owner: world.topology.boundary_owner[entered.triangle as usize],
                 direction: entered.normal,
                 depth_m: 0.0,
+                bent_m: [0.0; 3],
             });
             match hit {
                 Some(hit) => {
@@ -130,6 +131,13 @@ impl Through {
     pub fn velocity_m_s(&self, point: usize, tool: &ToolMotion<'_>) -> [f32; 3] {
         let ends = self.before_m.get(point).zip(tool.points_m.get(point));
         ends.map_or([0.0; 3], |(from_m, to_m)| velocity_m_s(*from_m, *to_m, tool.since_s))
+    }
+
+    /// How far a point of the tool goes in this step, m: not at all, if it was nowhere before or has jumped.
+    pub fn way_m(&self, point: usize, tool: &ToolMotion<'_>) -> Vec3 {
+        let ends = self.before_m.get(point).zip(tool.points_m.get(point)).filter(|_| tool.since_s.is_finite());
+        let way_m = ends.map_or(Vec3::ZERO, |(from_m, to_m)| Vec3::from(*to_m) - Vec3::from(*from_m));
+        if way_m.length() <= FARTHEST_M { way_m * tool.way_share } else { Vec3::ZERO }
     }
 
     fn fastest_m(&self, tool: &ToolMotion<'_>) -> f32 {
@@ -179,7 +187,8 @@ impl Through {
                 && let Some(contact) = contact(world, missed, &crossing)
                 && let Some(place) = room.next()
             {
-                memory[missed.point as usize] = Memory { owner, direction: crossing.normal, depth_m: contact.depth_m };
+                memory[missed.point as usize] =
+                    Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m: [0.0; 3] };
                 *place = contact;
                 self.held.push(missed.point);
             }

@@ -170,8 +170,8 @@ proptest! {
         body.velocity_m_s.copy_from_slice(&velocities);
         let (nodes, weights, normal, offset_m, stiffness_n_m) = spring;
         let springs = [
-            PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: normal, stiffness_n_m },
-            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, velocity_m_s: [f32::MAX; 3], stiffness_n_m: 1e12 },
+            PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: normal, sticks_at_m: normal, stiffness_n_m },
+            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, velocity_m_s: [f32::MAX; 3], sticks_at_m: [f32::MAX; 3], stiffness_n_m: 1e12 },
         ];
         let [node, tet @ ..] = [nodes[0], nodes[1], nodes[2], nodes[3], 7];
         let pairs = [

@@ -1,5 +1,5 @@
-//! Promise of tissue and servo about a tip that slides along a wall: the hand is told the coefficient of friction, and is held back by that share of what it
-//! presses with. What of it the tissue is rubbed with is printed beside it (docs/limits.md has the figure).
+//! Promise of tissue and servo about a tip that slides along a wall: both are rubbed by the same coefficient, the tissue by what presses on it wherever it is,
+//! the hand by what of that is felt at the tip.
 
 use super::blind::{Servo, Tip};
 use super::*;
@@ -119,6 +119,9 @@ fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue
     let [tissues_n, hands_n] = [back.tool_n - on.tool_n, back.friction_n - on.friction_n].map(|apart_n| 0.5 * apart_n.dot(aside));
     let pressed_n = 0.5 * (back.tool_n + on.tool_n).length();
     println!("friction: {hands_n} N of the hand, {tissues_n} N of the tissue, which is pressed with {pressed_n} N");
+    // More than its share, for the wall is not flat: what slides along it climbs, too.
+    let share = tissues_n / (LAW.friction * pressed_n);
+    assert!((0.8..2.0).contains(&share), "{tissues_n} N where {pressed_n} N press");
     assert!((hands_n - LAW.friction * 0.5 * (back.push_n + on.push_n).length()).abs() < 0.1 * hands_n, "{hands_n} N");
     drop(main);
 }
