@@ -44,6 +44,8 @@ struct Missed {
     /// The way back out, a unit vector.
     out: Vec3,
     reach_m: f32,
+    /// What its friction was before.
+    bent_m: [f32; 3],
 }
 
 /// Buffers, sized for a world.
@@ -155,7 +157,7 @@ impl Through {
         let along_m = way.dot(out);
         let reach_m = known.depth_m - along_m + (way - along_m * out).length() + self.tissue_m + SLACK_M;
         if reach_m > 0.0 && reach_m <= FARTHEST_M {
-            self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m });
+            self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m, bent_m: known.bent_m });
         }
     }
 
@@ -188,7 +190,7 @@ impl Through {
                 && let Some(place) = room.next()
             {
                 memory[missed.point as usize] =
-                    Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m: [0.0; 3] };
+                    Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m: missed.bent_m };
                 *place = contact;
                 self.held.push(missed.point);
             }

@@ -39,7 +39,7 @@ pub struct ContactLaw {
     pub damping_s: f32,
     /// Coulomb's coefficient of friction.
     pub friction: f32,
-    /// Slip at which friction of tissue with tissue is full, m/s: below it it grows with the slip.
+    /// Slip at which friction of tissue with tissue is full, m/s; of less it grows with the slip.
     pub slip_m_s: f32,
     /// Largest normal force of one contact, N.
     pub most_n: f32,

@@ -197,11 +197,12 @@ fn in_contact(springs: &[PlaneSpring], damping_s: f32) -> StepInput<'_> {
 
 #[test]
 fn contacts_up_to_the_stated_stiffness_are_stable_however_much_damping_is_asked_for() {
-    for damping_s in [0.0, 6e-4, 1e9, f32::NAN] {
+    for (damping_s, friction) in [(0.0, 0.0), (6e-4, 0.0), (1e9, 0.0), (f32::NAN, 0.0), (0.0, 1.0), (6e-4, 1.0), (1e9, 1.0)] {
         let (mut body, top, springs) = pressed();
         for _ in 0..1000 {
-            // They are softened to what was stated.
-            let report = body.step_with(&in_contact(&springs, damping_s));
+            // They are softened to what was stated. With friction what sticks is half a millimetre aside.
+            let law = ContactLaw { friction, ..in_contact(&springs, damping_s).law };
+            let report = body.step_with(&StepInput { law, ..in_contact(&springs, damping_s) });
             assert_eq!((report.softened_springs, report.ignored_springs, report.recovered_nodes), (2, 0, 0));
         }
         let depth = body.position_m[top as usize][2] - 0.008;

@@ -186,6 +186,11 @@ proptest! {
             for value in body.position_m.iter().chain(&body.velocity_m_s).flatten() {
                 prop_assert!(value.is_finite());
             }
+            let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+            for spring in &springs {
+                let push = body.scratch.push(&body.model, &law, spring, &at);
+                prop_assert!(push.force_n.iter().chain(&push.bent_m).all(|number| number.is_finite()), "{push:?}");
+            }
         }
     }
 }
