@@ -31,6 +31,8 @@ const MAX_DEPTH_M: f32 = 0.02;
 const MAX_LOOP_DEPTH_M: f32 = 0.003;
 /// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
 const MAX_HELD_DEPTH_M: f32 = 3e-4;
+/// Nothing sticks to the tool over a longer way, m.
+const MOST_BENT_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
 
@@ -58,6 +60,8 @@ pub struct Contacts {
     tool_table: Vec<u32>,
     /// Where the tool meets tissue.
     springs: Vec<PlaneSpring>,
+    /// Whether the friction of each is the one that its point remembers: a point may be in two objects.
+    remembers: Vec<bool>,
     /// Where tissue meets other tissue.
     pairs: Vec<PairSpring>,
     /// What the tool went through.
@@ -73,6 +77,8 @@ pub struct ToolMotion<'a> {
     pub before: (&'a Pose, Stand),
     /// How long ago that was, s: so fast each of its points goes.
     pub since_s: f32,
+    /// What part of the way since then is made in this step: all of it, but where a tick is computed in several steps.
+    pub way_share: f32,
     /// Tip, m.
     pub tip_m: [f32; 3],
     /// From tip to pivot, any length.
@@ -116,6 +122,7 @@ impl Contacts {
             gaps: Vec::new(),
             tool_table: Vec::new(),
             springs: Vec::new(),
+            remembers: Vec::new(),
             pairs: Vec::new(),
             through: Through::default(),
         };
@@ -139,6 +146,8 @@ impl Contacts {
         self.tool_table.resize(HashSizes::for_points(tool).words(), 0);
         self.springs.clear();
         self.springs.reserve(contacts);
+        self.remembers.clear();
+        self.remembers.reserve(contacts);
         self.pairs.clear();
         self.pairs.reserve(hits);
         self.through.fit(world);
@@ -180,6 +189,7 @@ impl Contacts {
     fn spring(&mut self, world: &World, tool: &ToolMotion<'_>, positions_m: &[[f32; 3]], found: usize) {
         let tissue = tissue(world, positions_m);
         self.springs.clear();
+        self.remembers.clear();
         self.forces.clear();
         self.pairs.clear();
         for found in &self.found[..found] {
@@ -202,12 +212,34 @@ impl Contacts {
                 let depth_m = found.depth_m.min(most_m);
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
-                self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, velocity_m_s, stiffness_n_m });
+                let remembered = self.remembered(&tissue, found);
+                let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
+                let way_m = self.through.way_m(found.point as usize, tool);
+                let sticks_at_m = (at + remembered.unwrap_or_default() + way_m).to_array();
+                self.remembers.push(remembered.is_some());
+                self.springs.push(PlaneSpring {
+                    nodes: *nodes,
+                    weights,
+                    normal,
+                    offset_m,
+                    velocity_m_s,
+                    sticks_at_m,
+                    stiffness_n_m,
+                });
                 let (place_m, direction) = (point, found.direction);
                 let force = ContactForce { point: found.point, owner: TOOL_ID, place_m, direction, ..ContactForce::default() };
                 self.forces.push(force);
             }
         }
+    }
+
+    /// How far what sticks to a point of the tool was bent along this tissue, m; `None` where the point remembers other tissue.
+    fn remembered(&self, tissue: &Tissue<'_>, found: &Penetration) -> Option<Vec3> {
+        let owner = tissue.tet_owner.get(found.tet as usize);
+        let memory = self.memory.get(found.point as usize).filter(|memory| owner == Some(&memory.owner))?;
+        let bent_m = Vec3::from(memory.bent_m);
+        // A state that was damaged may say anything.
+        Some(if bent_m.length() <= MOST_BENT_M { bent_m } else { Vec3::ZERO })
     }
 
     /// Springs of the step, where the tool meets tissue.
@@ -236,20 +268,23 @@ impl Contacts {
     }
 
     /// The planes for the servo, which are felt at the tip, and the force on the tool wherever it acts, from the tissue as it is after the step that
-    /// `scratch` has made, with what the tool holds.
+    /// `scratch` has made, with what the tool holds. What sticks to its points is remembered in `memory`, which is that of the tool's points.
     pub fn planes(
         &mut self,
         world: &World,
         hash: &HashRef<'_>,
-        (tool, holds): (&ToolMotion<'_>, &[Hold]),
+        (tool, holds, memory): (&ToolMotion<'_>, &[Hold], &mut [Memory]),
         after: &StateRef<'_>,
         scratch: &Scratch,
     ) -> Result<(PlaneSet, [f32; 3]), Failure> {
         let mut total = [0.0f32; 3];
         self.forces.truncate(self.springs.len());
-        for (spring, force) in self.springs.iter().zip(&mut self.forces) {
+        for ((spring, force), remembers) in self.springs.iter().zip(&mut self.forces).zip(&self.remembers) {
             let push = scratch.push(&world.model, &LAW, spring, after);
             (force.normal_n, force.stiffness_n_m) = (push.normal_n, push.stiffness_n_m);
+            if let Some(memory) = memory.get_mut(force.point as usize).filter(|_| *remembers) {
+                memory.bent_m = push.bent_m;
+            }
             total.iter_mut().zip(push.force_n).for_each(|(sum, part)| *sum -= part);
         }
         for hold in holds {

@@ -177,7 +177,7 @@ fn flaw_of_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[
     }
 }
 
-/// Hash of what the next step depends on: positions and velocities, and of what they are the nodes.
+/// Hash of what the next step depends on: positions and velocities, and of what they are the nodes. What the tool's points remember shows in them a step later.
 pub fn hash(message: &Message<'_>) -> u64 {
     let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
     let version = u64::from(message.header().topology_version);

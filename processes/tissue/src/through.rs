@@ -44,6 +44,8 @@ struct Missed {
     /// The way back out, a unit vector.
     out: Vec3,
     reach_m: f32,
+    /// What its friction was before.
+    bent_m: [f32; 3],
 }
 
 /// Buffers, sized for a world.
@@ -111,6 +113,7 @@ impl Through {
                 owner: world.topology.boundary_owner[entered.triangle as usize],
                 direction: entered.normal,
                 depth_m: 0.0,
+                bent_m: [0.0; 3],
             });
             match hit {
                 Some(hit) => {
@@ -132,6 +135,13 @@ impl Through {
         ends.map_or([0.0; 3], |(from_m, to_m)| velocity_m_s(*from_m, *to_m, tool.since_s))
     }
 
+    /// How far a point of the tool goes in this step, m: not at all, if it was nowhere before or has jumped.
+    pub fn way_m(&self, point: usize, tool: &ToolMotion<'_>) -> Vec3 {
+        let ends = self.before_m.get(point).zip(tool.points_m.get(point)).filter(|_| tool.since_s.is_finite());
+        let way_m = ends.map_or(Vec3::ZERO, |(from_m, to_m)| Vec3::from(*to_m) - Vec3::from(*from_m));
+        if way_m.length() <= FARTHEST_M { way_m * tool.way_share } else { Vec3::ZERO }
+    }
+
     fn fastest_m(&self, tool: &ToolMotion<'_>) -> f32 {
         let ways = self.before_m.iter().zip(tool.points_m);
         let ways_m = ways.map(|(from, to)| Vec3::from(*from).distance(Vec3::from(*to)));
@@ -147,7 +157,7 @@ impl Through {
         let along_m = way.dot(out);
         let reach_m = known.depth_m - along_m + (way - along_m * out).length() + self.tissue_m + SLACK_M;
         if reach_m > 0.0 && reach_m <= FARTHEST_M {
-            self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m });
+            self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m, bent_m: known.bent_m });
         }
     }
 
@@ -179,7 +189,8 @@ impl Through {
                 && let Some(contact) = contact(world, missed, &crossing)
                 && let Some(place) = room.next()
             {
-                memory[missed.point as usize] = Memory { owner, direction: crossing.normal, depth_m: contact.depth_m };
+                memory[missed.point as usize] =
+                    Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m: missed.bent_m };
                 *place = contact;
                 self.held.push(missed.point);
             }

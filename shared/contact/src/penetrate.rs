@@ -286,7 +286,8 @@ impl Step<'_> {
             };
             let (owner, way) = (self.input.tissue.owner(hit.tet), self.work.found[h]);
             if way.source != Source::Fallback as u32 {
-                *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m };
+                let bent_m = if memory.owner == owner { memory.bent_m } else { [0.0; 3] };
+                *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m, bent_m };
             } else if memory.owner != owner {
                 *memory = Memory::default();
             } else {

@@ -37,7 +37,7 @@ pub enum Source {
     Held = 3,
 }
 
-/// A point's direction and depth in the tick before; all zero: it had none. State that goes with the tissue's.
+/// A point's direction and depth in the tick before, and what its friction was then; all zero: it had none. State that goes with the tissue's.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 pub struct Memory {
@@ -47,6 +47,9 @@ pub struct Memory {
     pub direction: [f32; 3],
     /// How deep it was along that, metres.
     pub depth_m: f32,
+    /// How far it has gone along the tissue before what it sticks to, metres: who computes forces writes it, and it is kept for as long as the point is in that
+    /// object, and pressed. Of two objects a point remembers the one of the lower tet; the other lets go of it in each step.
+    pub bent_m: [f32; 3],
 }
 
 /// The way back for points of an object that is wholly inside: for a tool, from its tip along the shaft to the pivot.

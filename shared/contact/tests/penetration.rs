@@ -10,6 +10,9 @@ use proptest::test_runner::RngSeed;
 
 const MM: f32 = 1e-3;
 
+/// Thickness of the wall.
+const THICK_M: f32 = 12.0 * MM;
+
 /// A wall 24 mm wide and 12 mm thick: its free side is z = 0, the tissue lies towards +z.
 fn wall() -> (Vec<[f32; 3]>, Vec<[u32; 4]>) {
     block([12, 12, 6], 2.0 * MM, [-12.0 * MM, -12.0 * MM, 0.0])
@@ -120,9 +123,21 @@ fn a_body_wholly_inside_leaves_along_its_retreat_else_by_the_shortest_way() {
         assert_eq!((p.source, p.direction), (Source::Fallback as u32, [0.0, 0.0, -1.0]));
         assert!((p.depth_m - ball.points_m[p.point as usize][2]).abs() < 1e-5);
     }
+    // Its ring of eight points in the middle of the wall may go either way; those above and below it may not.
+    let mut sides = [0usize; 2];
     for p in poke.depths(&ball.points_m, [0.0; 3]) {
-        assert!((p.direction, p.depth_m) != ([0.0, 0.0, 1.0], 0.0) && p.direction[2].abs() == 1.0, "{p:?}");
+        let z_m = ball.points_m[p.point as usize][2];
+        let ways = [(z_m, -1.0), (THICK_M - z_m, 1.0)];
+        let shortest_m = ways[0].0.min(ways[1].0);
+        assert!((p.depth_m - shortest_m).abs() < 1e-5, "{p:?} at {z_m} m");
+        let taken = ways.map(|(way_m, side)| p.direction == [0.0, 0.0, side] && way_m - shortest_m < 1e-5);
+        assert!(taken.contains(&true), "{p:?} at {z_m} m: the shortest way out is {shortest_m} m");
+        for (side, is_taken) in sides.iter_mut().zip(taken) {
+            *side += usize::from(is_taken);
+        }
     }
+    println!("{sides:?} of {} points leave to either side", ball.points_m.len());
+    assert!(sides[0] >= 16 && sides[1] >= 9, "{sides:?}: not all points were looked at");
 }
 
 #[test]

@@ -126,6 +126,30 @@ fn around_a_path_the_hand_loses_what_friction_takes() {
     assert!((lost_j - expected_j).abs() < 0.02 * expected_j, "{lost_j} J, {expected_j} J by hand");
 }
 
+/// Planes about a press are never quite parallel: the tip is held by all of the friction on them, however slowly it goes, and does not creep when it stops.
+#[test]
+fn a_tip_that_creeps_over_two_planes_that_are_not_parallel_is_held_back_in_full_and_stays_where_it_stops() {
+    for tilt_rad in [0.0f32, 0.17, 0.35] {
+        let (sine, cosine) = tilt_rad.sin_cos();
+        let model = rubbing(&[plane([0.0; 3], [sine, 0.0, cosine]), plane([0.0; 3], [-sine, 0.0, cosine])], FRICTION);
+        // Along the valley between them, along which each of them lets it go, and across it, where they differ by less than friction over 0.1 mm.
+        for (along, speed_m_s) in [(Vec3::Y, 0.002), (Vec3::Y, 0.01), (Vec3::new(0.1, 0.995, 0.0), 0.002)] {
+            let mut tip = Tip::resting(Vec3::new(0.0, 0.0, -DEEP_M), &model);
+            let resting_n = tip.force_n();
+            tip.slide(along * speed_m_s, (0.006 / speed_m_s / DT_S) as u64, &model);
+            let all_n = resting_n.length() / cosine;
+            let held_n = -tip.force_n().y;
+            assert!(
+                (held_n - FRICTION * all_n).abs() < 0.05 * FRICTION * all_n,
+                "{tilt_rad} rad, {along}, {speed_m_s} m/s: {held_n} N"
+            );
+            let stopped_n = tip.force_n();
+            tip.slide(Vec3::ZERO, 5_000, &model);
+            assert!(tip.force_n().distance(stopped_n) < 1e-3, "{tilt_rad} rad: {stopped_n}, then {}", tip.force_n());
+        }
+    }
+}
+
 /// By hand: walls that push against each other leave no force of their own, and each rubs. In a wall of 400 N/m with nothing before it that gives way the
 /// coupling in series is compensated for: 600 N/m.
 #[test]

@@ -83,9 +83,9 @@ pub static CONTENTS: [Content; 8] = [
             records(
                 "Memory",
                 "shared/contact/src/penetrate_data.rs",
-                20,
+                32,
                 "points of the tool",
-                "where each came out of the tissue before",
+                "where each came out of the tissue before, and how far it has gone from what it sticks to",
             ),
             numbers(INDEX, 4, "words of the body", "the mesh: what processes/tissue/src/body.rs packs"),
             numbers(

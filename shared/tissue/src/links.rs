@@ -1,8 +1,10 @@
 //! Springs that are evaluated in every substep: contacts with a plane, contacts of a node with a tet, attachments of a node to a point in a tet, and points
 //! that are held from outside ([`Hold`]).
 //!
-//! A contact is damped along its normal and has friction across it, both as far as explicit integration allows: the tissue has next to no damping of its
-//! own at the frequency of a node in a stiff contact, and would ring on for as long as it is touched.
+//! A contact is damped as far as explicit integration allows: the tissue has next to no damping of its own at the frequency of a node in a stiff contact, and
+//! would ring on for as long as it is touched. Friction with a plane is a spring that slides (Cundall and Strack 1979), as stiff across the normal as the
+//! contact along it, for which the model's bound has room; a drag that is as strong would need more than the light nodes of a surface leave. That of tissue
+//! with tissue is such a drag, for nobody remembers where two of them stuck, and so mostly far less than Coulomb's.
 //!
 //! A force that is held for a whole step samples the fast modes of the tissue too rarely: even a weak spring then feeds them.
 //! Therefore what reacts to positions is handed over as a law, not as a force. Promise: the springs at a free node never add up
@@ -13,6 +15,7 @@
 
 mod hold;
 mod ready;
+mod rub;
 
 use crate::model::Model;
 use crate::pressure::Pressure;
@@ -22,6 +25,7 @@ use ready::known;
 pub use hold::Hold;
 pub(crate) use hold::of_hold;
 pub(crate) use ready::{Grip, READY_MAX, Ready};
+use rub::{Rub, drag, stick};
 
 /// How far a spring's normal may be from unit length.
 const NORMAL_TOLERANCE: f32 = 1e-3;
@@ -35,7 +39,7 @@ pub struct ContactLaw {
     pub damping_s: f32,
     /// Coulomb's coefficient of friction.
     pub friction: f32,
-    /// Slip at which friction is full, m/s: below it friction grows with the slip.
+    /// Slip at which friction of tissue with tissue is full, m/s; of less it grows with the slip.
     pub slip_m_s: f32,
     /// Largest normal force of one contact, N.
     pub most_n: f32,
@@ -73,8 +77,10 @@ pub struct PlaneSpring {
     pub normal: [f32; 3],
     /// Place of the plane along the normal, m.
     pub offset_m: f32,
-    /// Velocity of the obstacle, m/s, which damping and friction are relative to. The plane itself stays where it is during the step.
+    /// Velocity of the obstacle, m/s, which damping is relative to. The plane itself stays where it is during the step.
     pub velocity_m_s: [f32; 3],
+    /// Where what the point sticks to draws it along the plane, m, as far as friction goes: where it is itself, if nothing does.
+    pub sticks_at_m: [f32; 3],
     /// Stiffness, N/m. Where the springs of a node add up to more than the model's contact stiffness, they are softened to it.
     pub stiffness_n_m: f32,
 }
@@ -88,6 +94,8 @@ pub struct Push {
     pub stiffness_n_m: f32,
     /// Force on the tissue, N, with damping and friction.
     pub force_n: [f32; 3],
+    /// How far the point sticks out along the plane before what it sticks to, m, once what is more than friction holds has slid.
+    pub bent_m: [f32; 3],
 }
 
 /// A node held at a point in a tet of the same model: the stalk of a polyp in the wall of the uterus. (Objects that hold each
@@ -154,7 +162,7 @@ impl PlaneSpring {
             && are_weights(&self.weights)
             && is_unit(&self.normal)
             && self.offset_m.is_finite()
-            && self.velocity_m_s.iter().all(|speed| speed.is_finite())
+            && self.velocity_m_s.iter().chain(&self.sticks_at_m).all(|number| number.is_finite())
             && (0.0..=EXTERNAL_FORCE_MAX_N).contains(&self.stiffness_n_m)
     }
 
@@ -208,8 +216,15 @@ impl PairSpring {
     }
 }
 
-/// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side.
-fn push(law: &ContactLaw, normal: &[f32; 3], ready: &Ready, depth_m: f32, apart_m_s: [f32; 3]) -> Push {
+/// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side. `rub`: what friction does
+/// where it is pressed with so much, N, and slips so fast, m/s.
+fn push(
+    law: &ContactLaw,
+    normal: &[f32; 3],
+    ready: &Ready,
+    (depth_m, apart_m_s): (f32, [f32; 3]),
+    rub: impl FnOnce(f32, [f32; 3]) -> Rub,
+) -> Push {
     if depth_m <= 0.0 {
         return Push::default();
     }
@@ -219,10 +234,13 @@ fn push(law: &ContactLaw, normal: &[f32; 3], ready: &Ready, depth_m: f32, apart_
     let damping_n_s_m = (stiffness_n_m * law.damping_s).min(most_n_s_m);
     let damped_n = (normal_n - damping_n_s_m * leaving_m_s).clamp(0.0, law.most_n);
     let slip = [0, 1, 2].map(|axis| apart_m_s[axis] - leaving_m_s * normal[axis]);
-    let slip_m_s = (slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]).sqrt();
-    let drag_n_s_m = (law.friction * damped_n / slip_m_s.max(law.slip_m_s)).min(most_n_s_m);
-    let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] - drag_n_s_m * slip[axis]);
-    if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
+    let Rub { force_n: rubbed_n, bent_m } = rub(damped_n, slip);
+    let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] + rubbed_n[axis]);
+    if force_n.iter().all(|force| force.is_finite()) {
+        Push { normal_n, stiffness_n_m, force_n, bent_m }
+    } else {
+        Push::default()
+    }
 }
 
 /// What a usable spring does.
@@ -236,7 +254,9 @@ pub(crate) fn of_plane<const N: usize>(
     let (at, speed) = (point(&spring.weights, &spring.nodes, position), point(&spring.weights, &spring.nodes, velocity));
     let depth_m = spring.offset_m - (spring.normal[0] * at[0] + spring.normal[1] * at[1] + spring.normal[2] * at[2]);
     let apart_m_s = [0, 1, 2].map(|axis| speed[axis] - spring.velocity_m_s[axis]);
-    push(law, &spring.normal, ready, depth_m, apart_m_s)
+    let away_m = [0, 1, 2].map(|axis| spring.sticks_at_m[axis] - at[axis]);
+    let stick = |damped_n: f32, slip: [f32; 3]| stick(law, ready, (&spring.normal, away_m), damped_n, slip);
+    push(law, &spring.normal, ready, (depth_m, apart_m_s), stick)
 }
 
 /// What a usable pair does to its node; the tet takes the opposite.
@@ -247,7 +267,7 @@ fn of_pair(law: &ContactLaw, pair: &PairSpring, ready: &Ready, position: &[[f32;
     };
     let away = apart(position);
     let depth_m = pair.depth_m - (pair.normal[0] * away[0] + pair.normal[1] * away[1] + pair.normal[2] * away[2]);
-    push(law, &pair.normal, ready, depth_m, apart(velocity))
+    push(law, &pair.normal, ready, (depth_m, apart(velocity)), |damped_n, slip| drag(law, ready, damped_n, slip))
 }
 
 /// Σ wᵢ·rowᵢ.

@@ -48,6 +48,7 @@ fn steps_allocate_nothing(poisson_ratio: f64) {
         normal: [0.0, 0.0, -1.0],
         offset_m: -0.011,
         velocity_m_s: [0.0; 3],
+        sticks_at_m: [0.0; 3],
         stiffness_n_m: 500.0,
     }];
     let before = ALLOCATIONS.get();

@@ -184,6 +184,7 @@ fn pressed() -> (Body, u32, [PlaneSpring; 2]) {
         normal: [0.0, 0.0, -1.0],
         offset_m: -0.008,
         velocity_m_s: [0.0; 3],
+        sticks_at_m: [0.0035, 0.003, 0.009],
         stiffness_n_m: 5000.0,
     };
     (body, top, [spring; 2])
@@ -196,11 +197,12 @@ fn in_contact(springs: &[PlaneSpring], damping_s: f32) -> StepInput<'_> {
 
 #[test]
 fn contacts_up_to_the_stated_stiffness_are_stable_however_much_damping_is_asked_for() {
-    for damping_s in [0.0, 6e-4, 1e9, f32::NAN] {
+    for (damping_s, friction) in [(0.0, 0.0), (6e-4, 0.0), (1e9, 0.0), (f32::NAN, 0.0), (0.0, 1.0), (6e-4, 1.0), (1e9, 1.0)] {
         let (mut body, top, springs) = pressed();
         for _ in 0..1000 {
-            // They are softened to what was stated.
-            let report = body.step_with(&in_contact(&springs, damping_s));
+            // They are softened to what was stated. With friction what sticks is half a millimetre aside.
+            let law = ContactLaw { friction, ..in_contact(&springs, damping_s).law };
+            let report = body.step_with(&StepInput { law, ..in_contact(&springs, damping_s) });
             assert_eq!((report.softened_springs, report.ignored_springs, report.recovered_nodes), (2, 0, 0));
         }
         let depth = body.position_m[top as usize][2] - 0.008;
@@ -250,13 +252,17 @@ fn a_contact_brakes_the_speed_against_its_plane_and_not_the_speed() {
 /// last step leaves.
 fn dragged(friction: f32, slide_m_s: f32) -> (f32, Push) {
     let (mut body, top, [spring, _]) = pressed();
-    let springs = [PlaneSpring { velocity_m_s: [slide_m_s, 0.0, 0.0], stiffness_n_m: 1500.0, ..spring }];
+    let mut spring = PlaneSpring { velocity_m_s: [slide_m_s, 0.0, 0.0], stiffness_n_m: 1500.0, ..spring };
     let law = ContactLaw { friction, damping_s: 6e-4, ..ContactLaw::default() };
+    let mut push = Push::default();
     for _ in 0..3_000 {
-        body.step_with(&StepInput { law, ..in_contact(&springs, 0.0) });
+        // What was bent before, and the way of the obstacle since.
+        let at_m = body.position_m[top as usize];
+        spring.sticks_at_m = [0, 1, 2].map(|axis| at_m[axis] + push.bent_m[axis] + 1e-3 * spring.velocity_m_s[axis]);
+        body.step_with(&StepInput { law, dt_s: 1e-3, ..in_contact(&[spring], 0.0) });
+        let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+        push = body.scratch.push(&body.model, &law, &spring, &at);
     }
-    let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
-    let push = body.scratch.push(&body.model, &law, &springs[0], &at);
     let rest = body.model.rest_m()[top as usize][0];
     (body.position_m[top as usize][0] - rest, push)
 }
@@ -319,7 +325,8 @@ fn the_nodes_of_a_contact_get_the_force_and_the_moment_that_the_tool_loses() {
     let (nodes, weights, normal) = (*body.model.tets().last().unwrap(), [0.4, 0.3, 0.2, 0.1], [0.6, 0.0, -0.8]);
     let place_m = gather(nodes, weights, body.model.rest_m()).unwrap();
     let offset_m = normal[0] * place_m[0] + normal[2] * place_m[2] + 3e-4;
-    let spring = PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: [0.05, 0.04, 0.02], stiffness_n_m: 300.0 };
+    let (velocity_m_s, sticks_at_m) = ([0.05, 0.04, 0.02], [place_m[0], place_m[1] + 0.002, place_m[2]]);
+    let spring = PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s, sticks_at_m, stiffness_n_m: 300.0 };
     let law = ContactLaw { damping_s: 1e-4, friction: 0.3, ..ContactLaw::default() };
     let report = body.step_with(&StepInput { law, dt_s: DT_S, ..in_contact(&[spring], 0.0) });
     assert_eq!(report.ignored_springs, 0);

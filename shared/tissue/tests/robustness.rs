@@ -14,8 +14,11 @@ use proptest::test_runner::RngSeed;
 /// Of tets that hold their own volume, and of such whose nodes do.
 const POISSON_RATIOS: [f64; 2] = [0.45, 0.49];
 
+/// Edge of the cells, of which each is six tets, m.
+const EDGE_M: f32 = 0.003;
+
 fn body(poisson_ratio: f64) -> Body {
-    let mesh = block([4, 4, 3], 0.003);
+    let mesh = block([4, 4, 3], EDGE_M);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
     let material = Material::new(10_000.0, poisson_ratio, 1000.0, 5.0).unwrap();
     Body::new(Model::new(&mesh, &fixed, &material, options()).unwrap().0)
@@ -106,16 +109,28 @@ fn scrambled_starts_never_gain_energy() {
         for node in (0..body.position_m.len()).filter(|&node| body.model.rest_m()[node][2] > 0.0) {
             body.position_m[node] = [0.006 + 0.006 * random(), 0.006 + 0.006 * random(), 0.005 + 0.005 * random()];
         }
-        let start = body.energy_j();
+        let (start, mut scrambled) = (body.energy_j(), 0);
         for tick in 0..2000 {
-            assert_eq!(body.step().recovered_nodes, 0, "seed {seed}, tick {tick}");
+            let report = body.step();
+            assert_eq!(report.recovered_nodes, 0, "seed {seed}, tick {tick}");
+            if tick == 0 {
+                scrambled = report.inverted_tets;
+            }
             if tick % 10 == 0 && tick < 300 {
                 let energy = body.energy_j();
                 assert!(energy <= 1.001 * start, "seed {seed}, tick {tick}: {energy} J, started with {start} J");
             }
         }
         let (end, stuck) = (body.energy_j(), body.step().inverted_tets);
-        assert!(end < 0.01 * start, "seed {seed}: {end} J of {start} J left after 2 s, {stuck} tets inverted");
+        let said = format!("seed {seed}, ν = {poisson_ratio}: {end:e} of {start:e} J left, {stuck} of {scrambled} tets inverted");
+        println!("{said}");
+        assert!(end < 0.01 * start, "{said}");
+        // One that is inverted is at least as far from each rotation as a flat one: it has the shear modulus times its volume, or more.
+        let of_one_j = 10_000.0 / (2.0 * (1.0 + poisson_ratio)) * f64::from(EDGE_M).powi(3) / 6.0;
+        assert!(f64::from(stuck) * of_one_j <= 1.01 * end, "more are counted than there is energy for: {said}");
+        // By chance a half of those that have two free corners or more is inverted at first, which are 256 of 288. Of one tet alone rest is the only
+        // minimum; in a mesh neighbours may hold each other so, but few: what they and those about them store is of what is left.
+        assert!(4 * scrambled as usize > body.model.tets().len() && 10 * stuck < scrambled, "{said}");
     }
 }
 
@@ -170,8 +185,8 @@ proptest! {
         body.velocity_m_s.copy_from_slice(&velocities);
         let (nodes, weights, normal, offset_m, stiffness_n_m) = spring;
         let springs = [
-            PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: normal, stiffness_n_m },
-            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, velocity_m_s: [f32::MAX; 3], stiffness_n_m: 1e12 },
+            PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: normal, sticks_at_m: normal, stiffness_n_m },
+            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, velocity_m_s: [f32::MAX; 3], sticks_at_m: [f32::MAX; 3], stiffness_n_m: 1e12 },
         ];
         let [node, tet @ ..] = [nodes[0], nodes[1], nodes[2], nodes[3], 7];
         let pairs = [
@@ -185,6 +200,11 @@ proptest! {
             body.step_with(&StepInput { springs: &springs, pairs: &pairs, pressure, law, ..forces });
             for value in body.position_m.iter().chain(&body.velocity_m_s).flatten() {
                 prop_assert!(value.is_finite());
+            }
+            let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+            for spring in &springs {
+                let push = body.scratch.push(&body.model, &law, spring, &at);
+                prop_assert!(push.force_n.iter().chain(&push.bent_m).all(|number| number.is_finite()), "{push:?}");
             }
         }
     }

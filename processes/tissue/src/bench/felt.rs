@@ -119,7 +119,7 @@ mod tests {
         apart
     }
 
-    /// What the hand is told is without friction and damping, and felt at the tip, near which the wall is met: most of what acts.
+    /// What the hand is told is that of the planes, without friction and damping, and felt at the tip, near which the wall is met: most of what acts.
     #[test]
     fn force_and_displacement_of_the_default_scene_are_near_the_converged_ones_and_so_is_what_the_hand_is_told() {
         let apart = assert_near("default", 8);

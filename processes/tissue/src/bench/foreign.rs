@@ -22,8 +22,15 @@ const STEPS: usize = 300;
 /// Where the tool comes from and how deep it goes where the scene has found no hand that presses, from the nearest vertex on, m.
 const FROM_M: f32 = -0.003;
 const INTO_M: f32 = 0.002;
-/// No node goes farther than this, m.
-const FAR_M: f32 = 0.05;
+/// No node goes farther than so many times the way that the tip makes from where it meets the organ: with it, and as far again what swings on. No point of
+/// the instrument makes a longer way than its tip, for they turn about the pivot.
+const FARTHEST: f32 = 2.0;
+/// And by how far parts that lie in each other at rest come apart, m: as deep as they push each other.
+const APART_M: f32 = 0.003;
+/// The tissue stores no more than the hand has done. That is summed here from the force after each step, when contacts have given way already, and so comes
+/// out too small: by little where most is stored, by more when the tip has only just met the organ.
+const STORED: f64 = 1.5;
+const STORED_AT_FIRST: f64 = 3.0;
 
 /// A copy of the folder's files, in which scenes are written beside them.
 struct Copied(PathBuf);
@@ -109,7 +116,8 @@ fn pressed(mut scene: LoadedScene) -> Result<String, String> {
     scene.hands = vec![hand];
     let mut press = Press::new(&scene, Isa::detect(), 1)?;
     let (mut record, mut work_j) = (Record::default(), 1e-6);
-    let (mut most_n, mut most_m, mut most_j) = (0.0f32, 0.0f32, 0.0f64);
+    let (mut most_n, mut most_m, mut most_j, mut done_j) = (0.0f32, 0.0f32, 0.0f64, work_j);
+    let (mut met_at, mut deep_m) = (None, 0.0f32);
     for tick in 0..=STEPS {
         press.tick(tick, &mut record).unwrap_or_else(|error| panic!("tick {tick}: {error}"));
         let (force_n, way_m) = (Vec3::from(record.force_n), tips[tick].distance(tips[tick.saturating_sub(1)]));
@@ -119,11 +127,21 @@ fn pressed(mut scene: LoadedScene) -> Result<String, String> {
         most_m = moved_m.fold(most_m, f32::max);
         most_n = most_n.max(force_n.length());
         work_j += f64::from(force_n.length() * way_m);
-        most_j = most_j.max(record.energy_j);
-        // Of what the hand has put in, and a contact takes some of it for itself.
-        assert!(record.energy_j <= 3.0 * work_j, "tick {tick}: {} J in the tissue, the hand did {work_j} J", record.energy_j);
+        if record.contacts > 0 {
+            // It met it in the way to this tick.
+            let met_m = *met_at.get_or_insert(tips[tick.saturating_sub(1)]);
+            deep_m = deep_m.max(met_m.distance(tips[tick]));
+        }
+        if record.energy_j > most_j {
+            (most_j, done_j) = (record.energy_j, work_j);
+        }
+        let stored_j = record.energy_j;
+        assert!(stored_j <= STORED_AT_FIRST * work_j, "tick {tick}: {stored_j} J in the tissue, the hand did {work_j} J");
     }
-    assert!(most_m < FAR_M, "a node went {most_m} m");
+    let far_m = FARTHEST * deep_m + APART_M;
+    println!("a node went {most_m} m of {far_m} m, {most_j} J of {done_j} J were stored");
+    assert!(most_m < far_m, "a node went {most_m} m, the tip {deep_m} m from where it met the organ");
+    assert!(most_j <= STORED * done_j, "{most_j} J in the tissue, the hand did {done_j} J");
     assert!(record.contacts > 0 || !is_found, "a hand that is meant to press has touched nothing");
     Ok(format!(
         "pressed ({}): {} contacts, {most_n:.2} N, {:.2} mm, {:.1} mJ at most and {:.1} mJ at the end",

@@ -252,7 +252,6 @@ impl Press {
         let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(self.step_ticks)));
         let since_s = DT_S * self.step_ticks as f32;
         let mut laps = Laps { last_ns: system::now_ns(), phase: 0, record };
-
         {
             let mut input = shared.input.write();
             let places = (&input.positions_m[..], &world.body.rest.positions_m[..]);
@@ -271,6 +270,7 @@ impl Press {
             points_m: &self.points_m,
             before: (&before, Stand::default()),
             since_s,
+            way_share: 1.0 / self.finer as f32,
             tip_m: pose.position_m,
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
             orientation: pose.orientation,
@@ -302,7 +302,7 @@ impl Press {
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
         (self.planes, laps.record.force_n) =
-            self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
+            self.contacts.planes(world, &table, (&tool, &[], &mut self.memory), &after, &self.scratch).map_err(text)?;
         laps.lap();
         laps.record.told_n = self.planes.force_n(pose.position_m);
         drop(input);

@@ -47,7 +47,7 @@ impl Hand {
     ) -> ToolMotion<'a> {
         let (tip_m, since_s) = (self.pose.position_m, since_s(told_tick, self.input_tick, dt_s));
         let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, before: (pose, stood), since_s, tip_m, back, orientation: self.pose.orientation }
+        ToolMotion { points_m, before: (pose, stood), since_s, way_share: 1.0, tip_m, back, orientation: self.pose.orientation }
     }
 
     /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.

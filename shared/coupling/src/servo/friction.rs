@@ -4,10 +4,10 @@
 //! plane's normal is that plane's push and no friction. It resists as a spring of [`SHARE`] of the coupling, and once it would pull with more than the
 //! coefficient times what all planes push with, it slides after the tip. So a tip at rest stays where it is, one that turns back is first let go of, and around a
 //! path the hand loses what friction takes and gains nothing: the energy of the bent bristle is no more than the hand has put into it, whatever planes come,
-//! go or turn, for each of these only shortens it (`tests/friction.rs`).
+//! go or turn, for it is never longer than before with the way of the tip added (`tests/friction.rs`).
 //!
-//! Limits: planes are felt at the tip, so friction is that of the force at the tip. Walls that meet in a corner hold the tip along their edge in full, and across
-//! it by what they push, for there no direction is along both.
+//! Limits: planes are felt at the tip, so friction is that of the force at the tip. Across the edge of a corner no direction is along both walls: there each way
+//! bends the bristle by as much of it as lies along them, each by its push.
 
 use glam::DVec3;
 
@@ -42,13 +42,23 @@ pub(super) fn friction_step(
         next.bristle_m = [0.0; 3];
         return Friction { force_n: DVec3::ZERO, stored_j: 0.0 };
     }
-    let bent_m = along(walls, rest, DVec3::from_array(next.bristle_m.map(f64::from)) + moved_m);
-    let length_m = bent_m.length();
+    let before_m = DVec3::from_array(next.bristle_m.map(f64::from));
+    let bent_m = kept(walls, rest, before_m) + along(walls, rest, moved_m);
+    let (length_m, most_m) = (bent_m.length(), most_m.min((before_m + moved_m).length()));
     let bent_m = if length_m > most_m { bent_m * (most_m / length_m) } else { bent_m };
     // No number stays one.
     let bent_m = if bent_m.length() <= f64::from(MOST_BENT_M) { bent_m } else { DVec3::ZERO };
     next.bristle_m = bent_m.as_vec3().to_array();
     Friction { force_n: -bent_m * stiffness_n_m, stored_j: 0.5 * stiffness_n_m * bent_m.length_squared() }
+}
+
+/// What is left of a bristle that was bent where planes were others: nothing along their push, by as much as that is of all that they push with. What they push
+/// against each other takes nothing, and so a tip at rest on planes of several normals stays where it is.
+fn kept(walls: &Constraints, rest: &Proxy, bent_m: DVec3) -> DVec3 {
+    let all_n: f64 = rest.push_n.iter().sum();
+    let pushed_n = walls.used().iter().zip(rest.push_n).fold(DVec3::ZERO, |sum, (wall, push_n)| sum + wall.normal * push_n);
+    let length_n = pushed_n.length();
+    if length_n > 0.0 { bent_m - pushed_n * (pushed_n.dot(bent_m) / (length_n * all_n)) } else { bent_m }
 }
 
 /// What of a way lies along the planes that push, each counted by its push.

@@ -296,6 +296,37 @@ mod tests {
     }
 
     #[test]
+    fn a_state_whose_bristle_cannot_be_is_begun_anew_and_says_so_and_one_that_is_sound_goes_on() {
+        let (params, model) = (ServoParams::default(), ContactModel::default());
+        let flags_of = |state: &ServoState| {
+            let input = ServoInput {
+                tick: 8,
+                position_m: [0.0; 3],
+                velocity_m_s: [0.0; 3],
+                dt_s: 1e-3,
+                model: &model,
+                model_age_ticks: 1,
+                applied_n: None,
+                medium_n: [0.0; 3],
+            };
+            servo_step(&params, state, &input).1.flags
+        };
+        let bristle_m = [0.3e-3, -MOST_BENT_M, MOST_BENT_M];
+        let sound = ServoState { tick: 7, ramp: 1.0, running: 1, bristle_m, ..ServoState::default() };
+        assert_eq!(sound.repaired(&params, 8), (sound, 0));
+        assert!(sound.is_sound(&params) && flags_of(&sound) & SERVO_STATE_RESET == 0);
+        let too_far_m = 1.001 * MOST_BENT_M;
+        for part_m in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, too_far_m, -too_far_m] {
+            for axis in 0..3 {
+                let mut bent = sound;
+                bent.bristle_m[axis] = part_m;
+                assert_eq!(bent.repaired(&params, 8), (ServoState::default(), SERVO_STATE_RESET), "{part_m} m, axis {axis}");
+                assert!(!bent.is_sound(&params) && flags_of(&bent) & SERVO_STATE_RESET != 0, "{part_m} m, axis {axis}");
+            }
+        }
+    }
+
+    #[test]
     fn a_device_that_can_do_less_is_asked_for_less_and_one_that_can_do_more_changes_nothing() {
         let own = ServoParams::default();
         assert_eq!(own.for_device(3.3, 1_200.0, 1.0), own, "the simulated device");

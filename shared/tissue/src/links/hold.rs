@@ -48,5 +48,9 @@ pub(crate) fn of_hold<const N: usize>(
     let normal_n = (stiffness_n_m * length_m).min(law.most_n);
     let per_m = if length_m > 0.0 { normal_n / length_m } else { 0.0 };
     let force_n = [0, 1, 2].map(|axis| per_m * away_m[axis] - damping_n_s_m * (speed[axis] - hold.velocity_m_s[axis]));
-    if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
+    if force_n.iter().all(|force| force.is_finite()) {
+        Push { normal_n, stiffness_n_m, force_n, ..Push::default() }
+    } else {
+        Push::default()
+    }
 }

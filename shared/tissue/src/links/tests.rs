@@ -20,6 +20,35 @@ fn parts(vector: [f32; 3], unit: [f32; 3]) -> (f32, [f32; 3]) {
     (along, [0, 1, 2].map(|axis| vector[axis] - along * unit[axis]))
 }
 
+/// A contact of tissue with tissue.
+fn rubbed(normal: &[f32; 3], depth_m: f32, apart_m_s: [f32; 3]) -> Push {
+    push(&LAW, normal, &READY, (depth_m, apart_m_s), |damped_n, slip| drag(&LAW, &READY, damped_n, slip))
+}
+
+/// By hand: 800 N/m, and three tenths of what it is pressed with at most, whichever way and however fast it goes.
+#[test]
+fn what_sticks_draws_along_the_plane_as_a_spring_until_it_slides_and_never_with_more_than_its_share() {
+    let (mut random, still) = (noise(7), ContactLaw { damping_s: 0.0, ..LAW });
+    let (mut slid, mut stuck) = (0, 0);
+    for _ in 0..2_000 {
+        let direction = [random(), random(), random()];
+        let size = dot(direction, direction).sqrt();
+        let (normal, pressed_n) = (direction.map(|part| part / size), 1.0 + random());
+        let away_m = [random(), random(), random()].map(|part| 1e-3 * part);
+        let (_, along_m) = parts(away_m, normal);
+        let rub = stick(&still, &READY, (&normal, away_m), pressed_n, [random(), random(), random()]);
+        let (drawn_n, most_n) = (800.0 * dot(along_m, along_m).sqrt(), LAW.friction * pressed_n);
+        let expected_n = along_m.map(|part| 800.0 * part * (most_n / drawn_n).min(1.0));
+        assert!(rub.force_n.iter().zip(expected_n).all(|(found, expected)| (found - expected).abs() < 1e-5), "{rub:?}");
+        assert!(rub.bent_m.iter().zip(rub.force_n).all(|(bent, newton)| (800.0 * bent - newton).abs() < 1e-5), "{rub:?}");
+        let damped = stick(&LAW, &READY, (&normal, away_m), pressed_n, [random(), random(), random()]);
+        assert!(dot(damped.force_n, damped.force_n).sqrt() <= most_n * 1.000_01 && damped.bent_m == rub.bent_m, "{damped:?}");
+        slid += usize::from(drawn_n > most_n);
+        stuck += usize::from(drawn_n < most_n);
+    }
+    assert!(slid > 200 && stuck > 200, "{slid} and {stuck}");
+}
+
 #[test]
 fn a_contact_never_pulls_and_its_friction_is_at_most_its_share_of_the_push_and_against_the_sliding() {
     let mut random = noise(5);
@@ -31,7 +60,7 @@ fn a_contact_never_pulls_and_its_friction_is_at_most_its_share_of_the_push_and_a
         // From nearly at rest to a few metres a second.
         let speed_m_s = 10.0f32.powf(1.5 * random() - 1.0);
         let apart_m_s = [random(), random(), random()].map(|part| speed_m_s * part);
-        let told = push(&LAW, &normal, &READY, depth_m, apart_m_s);
+        let told = rubbed(&normal, depth_m, apart_m_s);
         let ((pushed_n, rubbed_n), (_, slip_m_s)) = (parts(told.force_n, normal), parts(apart_m_s, normal));
         let (friction_n, slides_m_s) = (dot(rubbed_n, rubbed_n).sqrt(), dot(slip_m_s, slip_m_s).sqrt());
         assert!((-1e-5..=LAW.most_n + 1e-5).contains(&pushed_n), "{told:?} along {normal:?}");
@@ -46,5 +75,5 @@ fn a_contact_never_pulls_and_its_friction_is_at_most_its_share_of_the_push_and_a
     }
     // Some were left so fast that nothing was left of them.
     assert!(full > 500 && gone > 10, "{full} and {gone}");
-    assert_eq!(push(&LAW, &[0.0, 0.0, 1.0], &READY, 0.0, [0.1, 0.0, -3.0]), Push::default(), "what is not touched");
+    assert_eq!(rubbed(&[0.0, 0.0, 1.0], 0.0, [0.1, 0.0, -3.0]), Push::default(), "what is not touched");
 }

@@ -74,6 +74,7 @@ impl Held {
             normal: [0.0, 0.0, -1.0],
             offset_m: -0.5 * top_m,
             velocity_m_s: [0.01, 0.0, -0.02],
+            sticks_at_m: [0.001, 0.002, 0.5 * top_m],
             stiffness_n_m: 300.0,
         };
         let pair = |tet: usize| PairSpring {

@@ -1,10 +1,11 @@
-//! Promise of tissue and servo about a tip that slides along a wall: the hand is told the coefficient of friction, and is held back by that share of what it
-//! presses with. What of it the tissue is rubbed with is printed beside it (docs/limits.md has the figure).
+//! Promise of tissue and servo about a tip that slides along a wall: both are rubbed by the same coefficient, the tissue by what presses on it wherever it is,
+//! the hand by what of that is felt at the tip.
 
 use super::blind::{Servo, Tip};
 use super::*;
 use crate::contacts::LAW;
 use glam::Vec3;
+use hyst_contact::Memory;
 use hyst_coupling::{ContactModel, Plane};
 use hyst_scene::Pose as Way;
 
@@ -16,8 +17,9 @@ const DEEP: u64 = 75;
 const ASIDE: u64 = 250;
 /// Ticks within which the tip meets the wall.
 const MEETS: u64 = 600;
-/// Ticks of a way over which a force is the mean.
+/// Ticks of a way over which a force is the mean; and in which the tip stays where it is in the end.
 const MEAN_OF: u64 = 40;
+const STAYS: u64 = 300;
 
 /// The model of the last step, as the servo reads it in the page.
 fn told(main: &MainLoop<'_>, page: &hyst_exchange::ReadPage) -> ContactModel {
@@ -46,23 +48,36 @@ struct Felt {
     friction_n: Vec3,
 }
 
-/// The tip is pressed into the wall and drawn to one side and back. Gives what was felt on the way over the middle in each direction, and which way that went.
-fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadPage) -> ([Felt; 2], Vec3) {
+/// What came of drawing the tip along the wall.
+struct Drawn {
+    /// What was felt on the way over the middle, back and on.
+    felt: [Felt; 2],
+    /// Which way it went on, a unit vector.
+    aside: Vec3,
+    /// The tissue's force on the tool as it stops, and once it has stood for a while, N.
+    stands_n: [Vec3; 2],
+    /// The last state, and what was said of the hand then.
+    end: (Vec<u64>, InputRecord),
+}
+
+/// The tip is pressed into the wall, drawn to one side and back, and left there.
+fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadPage) -> Drawn {
     let scene = hyst_scene::load_embedded().unwrap();
     let (way, pivot_m) = (scene.hand("press").unwrap().way.clone(), main.world.case.pivot_m);
     let long_m = Vec3::from(way[0].tip_m(pivot_m)).distance(way[1].tip_m(pivot_m).into());
     let (mut servo, mut now, mut tip) = (Servo::default(), first_state(main), Tip::default());
     let bristle_n_m = 0.1 * servo.params.coupling_limit_n_m(DT_S);
     let (mut felt, mut met_at, mut aside) = ([Felt::default(); 2], u64::MAX, Vec3::ZERO);
+    let mut stops_n = Vec3::ZERO;
     tip.place_m = way[0].tip_m(pivot_m).into();
-    for tick in 1..=MEETS + DEEP + 4 * ASIDE {
+    for tick in 1..=MEETS + DEEP + 4 * ASIDE + STAYS {
         let deep = tick.min(met_at.saturating_add(DEEP));
         let since = tick - deep;
         // To one side, back beyond the middle, and to it again.
         let aside_ticks = match since {
             0..=ASIDE => since as f32,
             _ if since <= 3 * ASIDE => 2.0 * ASIDE as f32 - since as f32,
-            _ => since as f32 - 4.0 * ASIDE as f32,
+            _ => since.min(4 * ASIDE) as f32 - 4.0 * ASIDE as f32,
         };
         let straight = way[0].towards(&way[1], deep as f32 * SPEED_M_S * DT_S / long_m);
         let yaw_rad = straight.yaw_rad + aside_ticks * SPEED_M_S * DT_S / straight.insertion_m;
@@ -90,8 +105,11 @@ fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadP
                 aside = tip.velocity_m_s.normalize();
             }
         }
-        if since >= 4 * ASIDE {
-            return (felt, aside);
+        if since == 4 * ASIDE {
+            stops_n = core.force_n.into();
+        }
+        if since == 4 * ASIDE + STAYS {
+            return Drawn { felt, aside, stands_n: [stops_n, core.force_n.into()], end: (now, record) };
         }
     }
     panic!("the hand does not meet the wall within {MEETS} ticks");
@@ -104,8 +122,8 @@ fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
     let own = station.read_slot(Slot::first(Role::Tissue), 1).unwrap();
-    let ([back, on], aside) = drawn(&mut main, &pages[1], &own);
-    println!("back {back:?}, on {on:?}, along {aside:?}");
+    let Drawn { felt: [back, on], aside, stands_n, end } = drawn(&mut main, &pages[1], &own);
+    println!("back {back:?}, on {on:?}, along {aside:?}, at the end {stands_n:?}");
     for (felt, way) in [(back, -aside), (on, aside)] {
         let (push_n, friction_n) = (felt.push_n.length(), felt.friction_n.length());
         assert!(push_n > 0.2, "the hand hardly touches: {felt:?}");
@@ -119,6 +137,38 @@ fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue
     let [tissues_n, hands_n] = [back.tool_n - on.tool_n, back.friction_n - on.friction_n].map(|apart_n| 0.5 * apart_n.dot(aside));
     let pressed_n = 0.5 * (back.tool_n + on.tool_n).length();
     println!("friction: {hands_n} N of the hand, {tissues_n} N of the tissue, which is pressed with {pressed_n} N");
+    // More than its share, for the wall is not flat: what slides along it climbs, too.
+    let share = tissues_n / (LAW.friction * pressed_n);
+    assert!((0.8..2.0).contains(&share), "{tissues_n} N where {pressed_n} N press");
     assert!((hands_n - LAW.friction * 0.5 * (back.push_n + on.push_n).length()).abs() < 0.1 * hands_n, "{hands_n} N");
+    // What sticks holds a tip that stands.
+    let [stops_n, stays_n] = stands_n.map(|force_n| force_n.dot(aside));
+    assert!((stops_n - stays_n).abs() < 0.4 * LAW.friction * pressed_n, "{stops_n} N, then {stays_n} N");
+    goes_on_from_any_memory(&mut main, &pages[1], end);
     drop(main);
+}
+
+/// Bits that flip in what the points remember cost a little friction, and nothing else.
+fn goes_on_from_any_memory(main: &mut MainLoop<'_>, device: &OwnedPage, (state, record): (Vec<u64>, InputRecord)) {
+    let place = |state: &[u64]| {
+        let bytes: &[u8] = bytemuck::cast_slice(state);
+        let memory: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(4).unwrap();
+        let first = memory.as_ptr() as usize - bytes.as_ptr() as usize;
+        first..first + memory.len()
+    };
+    let next = InputRecord { tick: record.tick + 1, ..record };
+    let usual_n = Vec3::from(core_of(&fed(main, device, &state, &next)).force_n);
+    for bent_m in [f32::NAN, f32::INFINITY, 1e30, -0.03, 0.01] {
+        let mut damaged = state.clone();
+        let range = place(&damaged);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut damaged);
+        let memory: &mut [Memory] = bytemuck::cast_slice_mut(&mut bytes[range]);
+        memory.iter_mut().for_each(|memory| memory.bent_m = [bent_m; 3]);
+        let after = fed(main, device, &damaged, &next);
+        assert!(positions(&after).as_flattened().iter().all(|part| part.is_finite()), "{bent_m}");
+        let remembered: &[Memory] = bytemuck::cast_slice(&bytemuck::cast_slice::<u64, u8>(&after)[place(&after)]);
+        assert!(remembered.iter().flat_map(|memory| memory.bent_m).all(|part| part.abs() <= 0.01), "{bent_m}");
+        let force_n = Vec3::from(core_of(&after).force_n);
+        assert!(force_n.distance(usual_n) < 2.5 * LAW.friction * usual_n.length(), "{bent_m}: {force_n}, not {usual_n}");
+    }
 }
