@@ -115,5 +115,6 @@ fn a_large_piece_is_caught_at_the_outflow_while_it_draws_and_goes_along_with_it(
     let (shut, open) = (carried(0.0), carried(1.0));
     let gone_m = 1e-3 * BACK_M_S * GOES as f32;
     println!("the outflow goes back by {gone_m} m, the piece goes by {open} with an open valve, by {shut} with a shut one");
-    assert!(open.z < -0.6 * gone_m && shut.z.abs() < 0.4 * gone_m, "{open} with an open valve, {shut} with a shut one");
+    // With a shut valve it is rubbed by the scope on which it lies, and left behind.
+    assert!(open.z < -0.9 * gone_m && shut.z.abs() < 0.6 * gone_m, "{open} with an open valve, {shut} with a shut one");
 }
