@@ -37,7 +37,6 @@ use hyst_tissue::{BoundSurface, Scratch, StateMut, StateRef, StepInput, step, su
 use medium::medium_forces;
 use std::cell::Cell;
 use std::sync::Arc;
-use telling::status_of;
 
 /// The engine.
 pub struct MainLoop<'a> {
@@ -321,8 +320,7 @@ impl Stateful for MainLoop<'_> {
         let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), (&change, &report));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
-        let figures = (self.collision.missing(), self.collision.dropped(), report.substeps);
-        self.status = status_of(self.status, &core_now, before.pressure_pa, figures, times_ns);
+        self.account(&core_now, before.pressure_pa, report.substeps, times_ns);
         Ok(())
     }
 

@@ -31,11 +31,17 @@ impl MainLoop<'_> {
         self.lies.tell(self.life, &mut model);
         self.life.page.write(tissue::MODEL, &model);
     }
+
+    /// Notes what a step was, for the status.
+    pub(super) fn account(&mut self, core: &Core, cavity_pressure_pa: f32, substeps: u32, times_ns: [u64; 5]) {
+        let figures = (self.collision.missing(), self.collision.dropped(), substeps);
+        self.status = status_of(self.status, core, cavity_pressure_pa, figures, times_ns);
+    }
 }
 
 /// The status of a step after the one before, with shares that were missing, hits that were dropped and substeps; `times_ns`: when it began, and when
 /// test, response, deformation and all had ended.
-pub(super) fn status_of(
+fn status_of(
     before: TissueStatus,
     core: &Core,
     cavity_pressure_pa: f32,
