@@ -9,10 +9,11 @@ use super::*;
 use crate::contacts::LAW;
 use glam::Vec3;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
+use hyst_scene::Pose as Way;
 
 /// Speed of the hand, m/s, and a tick, s.
-const SPEED_M_S: f32 = 0.02;
-const DT_S: f32 = 1e-3;
+pub(super) const SPEED_M_S: f32 = 0.02;
+pub(super) const DT_S: f32 = 1e-3;
 /// Ticks from the first contact until the tissue is heard no more, half a millimetre, and of a hand that does not go deeper then; ticks without it; those in
 /// which the hand goes on when it is back, and in which it rests then.
 const DEEP: u64 = 25;
@@ -21,12 +22,12 @@ const BLIND: u64 = 100;
 const ON: u64 = 20;
 const RESTS: u64 = 150;
 /// Ticks within which the tip meets the wall: four times the way that the hand `press` leaves before it.
-const MEETS: u64 = 600;
+pub(super) const MEETS: u64 = 600;
 /// What a fault may add to the largest step of ticks without one, N.
 const MARGIN_N: f32 = 0.05;
 
 /// The planes of the last step, as the servo is told them.
-fn model_of(main: &MainLoop<'_>) -> ContactModel {
+pub(super) fn model_of(main: &MainLoop<'_>) -> ContactModel {
     let planes: Vec<Plane> = main.planes.planes[..main.planes.count as usize]
         .iter()
         .map(|plane| Plane {
@@ -44,6 +45,22 @@ fn model_of(main: &MainLoop<'_>) -> ContactModel {
 pub(super) struct Tip {
     pub(super) place_m: Vec3,
     pub(super) velocity_m_s: Vec3,
+}
+
+/// Where the scene's hand `press` is after so many ticks at the speed of these tests, on its way into the wall and on.
+pub(super) fn pressing(pivot_m: [f32; 3]) -> impl Fn(u64) -> Way {
+    let way = hyst_scene::load_embedded().unwrap().hand("press").unwrap().way.clone();
+    let long_m = Vec3::from(way[0].tip_m(pivot_m)).distance(way[1].tip_m(pivot_m).into());
+    move |ticks| way[0].towards(&way[1], ticks as f32 * SPEED_M_S * DT_S / long_m)
+}
+
+/// What the device says of a tick in which the hand is so.
+pub(super) fn input_of(main: &MainLoop<'_>, tick: u64, pose: &Way, tip: Tip) -> InputRecord {
+    let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+    let (position_m, orientation) = (tip.place_m.to_array(), pose.orientation());
+    record.sample.pose = Pose { position_m, orientation, insertion_m: pose.insertion_m, ..Pose::default() };
+    record.sample.velocity_m_s = tip.velocity_m_s.to_array();
+    record
 }
 
 /// A servo, the force of its last tick, and by how much that was another one than the force before, N.
@@ -125,10 +142,8 @@ enum Goes {
 /// The hand goes into the wall on the way of the scene's hand `press`, and on; of two servos one hears nothing of the tissue for a while.
 fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage, goes: Goes) -> Felt {
     let deep = if goes == Goes::Deeper { DEEP } else { DEEP_ASIDE };
-    let scene = hyst_scene::load_embedded().unwrap();
-    let (way, pivot_m) = (scene.hand("press").unwrap().way.clone(), main.world.case.pivot_m);
-    let long_m = Vec3::from(way[0].tip_m(pivot_m)).distance(way[1].tip_m(pivot_m).into());
-    let at = |ticks: u64| way[0].towards(&way[1], ticks as f32 * SPEED_M_S * DT_S / long_m);
+    let pivot_m = main.world.case.pivot_m;
+    let at = pressing(pivot_m);
     let mut tip = Tip { place_m: at(0).tip_m(pivot_m).into(), ..Tip::default() };
     let [mut blind, mut own] = [Servo::default(); 2];
     // A servo that has just begun lets the force come slowly.
@@ -160,10 +175,7 @@ fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage, goes: Goes) -> Felt {
         if since == BLIND + ON + RESTS {
             return felt;
         }
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        let (position_m, orientation) = (place_m.to_array(), pose.orientation());
-        record.sample.pose = Pose { position_m, orientation, insertion_m: pose.insertion_m, ..Pose::default() };
-        record.sample.velocity_m_s = tip.velocity_m_s.to_array();
+        let record = input_of(main, tick, &pose, tip);
         now = fed(main, device, &now, &record);
         fresh = model_of(main);
         if deaf_at == u64::MAX && core_of(&now).contact_count > 0 {
@@ -186,7 +198,8 @@ fn feels_no_step(name: &str, goes: Goes) {
     let of_motion_n = FELT * params.coupling_limit_n_m(DT_S) * SPEED_M_S * DT_S;
     let of_way_n = of_motion_n * BLIND as f32;
     println!("{goes:?}: {felt:?}, at most {of_way_n} N apart");
-    assert!(felt.end_n > 0.2, "the hand hardly touches: {felt:?}");
+    let least_n = if goes == Goes::Deeper { 0.3 } else { 0.2 };
+    assert!(felt.end_n > least_n, "the hand hardly touches: {felt:?}");
     assert!(felt.apart_n > 1e-3, "the tissue does nothing that the frozen planes do not: {felt:?}");
     // Planes that do not yield make the way of the tip a force: what the tissue yields meanwhile is less.
     assert!(felt.apart_n < of_way_n, "the frozen planes lead away: {felt:?}");

@@ -1,40 +1,29 @@
 //! Promise of tissue and servo about a tip that slides along a wall: both are rubbed by the same coefficient, the tissue by what presses on it wherever it is,
 //! the hand by what of that is felt at the tip.
 
-use super::blind::{Servo, Tip};
+use super::blind::{DT_S, MEETS, SPEED_M_S, Servo, Tip, input_of, model_of, pressing};
 use super::*;
 use crate::contacts::LAW;
 use glam::Vec3;
 use hyst_contact::Memory;
-use hyst_coupling::{ContactModel, Plane};
+use hyst_coupling::ContactModel;
 use hyst_scene::Pose as Way;
 
-/// Speed of the hand, m/s, and a tick, s.
-const SPEED_M_S: f32 = 0.02;
-const DT_S: f32 = 1e-3;
 /// Ticks from the first contact into the wall; ticks to one side, and back by twice as many.
 const DEEP: u64 = 75;
 const ASIDE: u64 = 250;
-/// Ticks within which the tip meets the wall.
-const MEETS: u64 = 600;
 /// Ticks of a way over which a force is the mean; and in which the tip stays where it is in the end.
 const MEAN_OF: u64 = 40;
 const STAYS: u64 = 300;
 
-/// The model of the last step, as the servo reads it in the page.
+/// The model of the last step with the friction that the page says; its planes are those of the page.
 fn told(main: &MainLoop<'_>, page: &hyst_exchange::ReadPage) -> ContactModel {
     let (_, model) = page.cell(tissue::MODEL).unwrap();
     assert_eq!(model.plane_count, main.planes.count);
-    let planes: Vec<Plane> = model.planes[..model.plane_count as usize]
-        .iter()
-        .map(|plane| Plane {
-            point_m: plane.point_m,
-            normal: plane.normal,
-            stiffness_n_m: plane.stiffness_n_m,
-            damping_n_s_m: plane.damping_n_s_m,
-        })
-        .collect();
-    ContactModel { friction: model.friction, ..ContactModel::new(&planes) }
+    let told = model.planes.iter().map(|plane| (plane.point_m, plane.normal, plane.stiffness_n_m));
+    let own = main.planes.planes.iter().map(|plane| (plane.point_m, plane.normal, plane.stiffness_n_m));
+    assert!(told.zip(own).take(model.plane_count as usize).all(|(told, own)| told == own));
+    ContactModel { friction: model.friction, ..model_of(main) }
 }
 
 /// What was felt on a way over one place in one direction: forces on the hand, N, the mean of some ticks.
@@ -62,14 +51,13 @@ struct Drawn {
 
 /// The tip is pressed into the wall, drawn to one side and back, and left there.
 fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadPage) -> Drawn {
-    let scene = hyst_scene::load_embedded().unwrap();
-    let (way, pivot_m) = (scene.hand("press").unwrap().way.clone(), main.world.case.pivot_m);
-    let long_m = Vec3::from(way[0].tip_m(pivot_m)).distance(way[1].tip_m(pivot_m).into());
+    let pivot_m = main.world.case.pivot_m;
+    let at = pressing(pivot_m);
     let (mut servo, mut now, mut tip) = (Servo::default(), first_state(main), Tip::default());
     let bristle_n_m = 0.1 * servo.params.coupling_limit_n_m(DT_S);
     let (mut felt, mut met_at, mut aside) = ([Felt::default(); 2], u64::MAX, Vec3::ZERO);
     let mut stops_n = Vec3::ZERO;
-    tip.place_m = way[0].tip_m(pivot_m).into();
+    tip.place_m = at(0).tip_m(pivot_m).into();
     for tick in 1..=MEETS + DEEP + 4 * ASIDE + STAYS {
         let deep = tick.min(met_at.saturating_add(DEEP));
         let since = tick - deep;
@@ -79,15 +67,12 @@ fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadP
             _ if since <= 3 * ASIDE => 2.0 * ASIDE as f32 - since as f32,
             _ => since.min(4 * ASIDE) as f32 - 4.0 * ASIDE as f32,
         };
-        let straight = way[0].towards(&way[1], deep as f32 * SPEED_M_S * DT_S / long_m);
+        let straight = at(deep);
         let yaw_rad = straight.yaw_rad + aside_ticks * SPEED_M_S * DT_S / straight.insertion_m;
         let pose = Way { yaw_rad, ..straight };
         let place_m = Vec3::from(pose.tip_m(pivot_m));
         tip = Tip { place_m, velocity_m_s: (place_m - tip.place_m) / DT_S };
-        let (position_m, orientation) = (place_m.to_array(), pose.orientation());
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        record.sample.pose = Pose { position_m, orientation, insertion_m: pose.insertion_m, ..Pose::default() };
-        record.sample.velocity_m_s = tip.velocity_m_s.to_array();
+        let record = input_of(main, tick, &pose, tip);
         now = fed(main, device, &now, &record);
         main.finished(&context(tick + 1), bytemuck::cast_slice(&now));
         servo.tick(tick, tip, &told(main, own), 1);
