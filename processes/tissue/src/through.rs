@@ -138,8 +138,7 @@ impl Through {
     /// How far a point of the tool goes in this step, m: not at all, if it was nowhere before or has jumped.
     pub fn way_m(&self, point: usize, tool: &ToolMotion<'_>) -> Vec3 {
         let ends = self.before_m.get(point).zip(tool.points_m.get(point)).filter(|_| tool.since_s.is_finite());
-        let way_m = ends.map_or(Vec3::ZERO, |(from_m, to_m)| Vec3::from(*to_m) - Vec3::from(*from_m));
-        if way_m.length() <= FARTHEST_M { way_m * tool.way_share } else { Vec3::ZERO }
+        ends.map_or(Vec3::ZERO, |(from_m, to_m)| moved_m(*from_m, *to_m) * tool.way_share)
     }
 
     fn fastest_m(&self, tool: &ToolMotion<'_>) -> f32 {
@@ -206,8 +205,13 @@ impl Through {
 
 /// How fast something goes that came from one place to another in some time, m/s: not at all, if it was nowhere before or has jumped.
 pub fn velocity_m_s(from_m: [f32; 3], to_m: [f32; 3], since_s: f32) -> [f32; 3] {
-    let way = Vec3::from(to_m) - Vec3::from(from_m);
-    if way.length() <= FARTHEST_M { (way / since_s).clamp_length_max(FASTEST_M_S).to_array() } else { [0.0; 3] }
+    (moved_m(from_m, to_m) / since_s).clamp_length_max(FASTEST_M_S).to_array()
+}
+
+/// The way from one place to another, m: none, if it has jumped.
+fn moved_m(from_m: [f32; 3], to_m: [f32; 3]) -> Vec3 {
+    let way_m = Vec3::from(to_m) - Vec3::from(from_m);
+    if way_m.length() <= FARTHEST_M { way_m } else { Vec3::ZERO }
 }
 
 /// Whether a face is one that a point of the tool can meet from outside of the tissue: one that looks against the tool's own surface there.

@@ -35,15 +35,15 @@ pub(super) fn friction_step(
     gain: f64,
     moved_m: DVec3,
 ) -> Friction {
-    let push_n: f64 = rest.push_n.iter().sum::<f64>() * gain;
+    let all_n: f64 = rest.push_n.iter().sum();
     let stiffness_n_m = f64::from(SHARE) * coupling_n_m;
-    let most_m = walls.friction * push_n / stiffness_n_m;
+    let most_m = walls.friction * (all_n * gain) / stiffness_n_m;
     if most_m <= 0.0 {
         next.bristle_m = [0.0; 3];
         return Friction { force_n: DVec3::ZERO, stored_j: 0.0 };
     }
     let before_m = DVec3::from_array(next.bristle_m.map(f64::from));
-    let bent_m = kept(walls, rest, before_m) + along(walls, rest, moved_m);
+    let bent_m = kept(walls, (rest, all_n), before_m) + along(walls, (rest, all_n), moved_m);
     let (length_m, most_m) = (bent_m.length(), most_m.min((before_m + moved_m).length()));
     let bent_m = if length_m > most_m { bent_m * (most_m / length_m) } else { bent_m };
     // No number stays one.
@@ -53,20 +53,20 @@ pub(super) fn friction_step(
 }
 
 /// What is left of a bristle that was bent where planes were others: nothing along their push, by as much as that is of all that they push with. What they push
-/// against each other takes nothing, and so a tip at rest on planes of several normals stays where it is.
-fn kept(walls: &Constraints, rest: &Proxy, bent_m: DVec3) -> DVec3 {
-    let all_n: f64 = rest.push_n.iter().sum();
+/// against each other takes nothing, and so a tip at rest on planes of several normals stays where it is. `all_n`: all that they push with, more than 0.
+fn kept(walls: &Constraints, (rest, all_n): (&Proxy, f64), bent_m: DVec3) -> DVec3 {
     let pushed_n = walls.used().iter().zip(rest.push_n).fold(DVec3::ZERO, |sum, (wall, push_n)| sum + wall.normal * push_n);
     let length_n = pushed_n.length();
     if length_n > 0.0 { bent_m - pushed_n * (pushed_n.dot(bent_m) / (length_n * all_n)) } else { bent_m }
 }
 
-/// What of a way lies along the planes that push, each counted by its push.
-fn along(walls: &Constraints, rest: &Proxy, way_m: DVec3) -> DVec3 {
-    let all_n: f64 = rest.push_n.iter().sum();
-    let into_m = walls.used().iter().zip(rest.push_n).fold(DVec3::ZERO, |sum, (wall, push_n)| {
-        sum + wall.normal * (wall.normal.dot(way_m) * (push_n / all_n)) // pushes are not all zero: who asks has seen to that
-    });
+/// What of a way lies along the planes that push, each counted by its push. `all_n`: likewise.
+fn along(walls: &Constraints, (rest, all_n): (&Proxy, f64), way_m: DVec3) -> DVec3 {
+    let into_m = walls
+        .used()
+        .iter()
+        .zip(rest.push_n)
+        .fold(DVec3::ZERO, |sum, (wall, push_n)| sum + wall.normal * (wall.normal.dot(way_m) * (push_n / all_n)));
     way_m - into_m
 }
 
