@@ -2,7 +2,6 @@
 
 use crate::plan;
 use crate::settings::Refusal;
-use hyst_engine::Settings;
 use hyst_messages::fnv_words;
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -13,8 +12,8 @@ use std::thread::JoinHandle;
 /// Bytes of a program that are hashed at once.
 const PART_BYTES: u64 = 1 << 20;
 
-/// The build of this program and of the engines in these folders, 16 hexadecimal digits. Takes as long as it takes to read them. The recorder is not among
-/// them: it computes nothing.
+/// The build of this program and of the engines in these folders, 16 hexadecimal digits. Takes as long as it takes to read them. The recorder is among them:
+/// it is hurt as the others are, and what it lost is judged.
 ///
 /// # Errors
 /// Names the program that cannot be read.
@@ -52,8 +51,7 @@ impl Beside {
 
 /// This program and the engines, each once.
 fn programs(folders: &BTreeSet<&Path>) -> Result<Vec<PathBuf>, Refusal> {
-    let roles: BTreeSet<&str> =
-        plan::slots(&Settings::default(), true, None).into_iter().map(|slot| slot.role().name()).collect();
+    let roles: BTreeSet<&str> = plan::engines().map(|role| role.name()).collect();
     let engines = folders.iter().flat_map(|folder| roles.iter().map(|role| folder.join(role)));
     let own_program = std::env::current_exe().map_err(|e| Refusal::failed(format!("cannot find this program: {e}")))?;
     Ok([own_program].into_iter().chain(engines).collect())
@@ -98,6 +96,24 @@ mod tests {
         let found = of(&folders).unwrap();
         assert_eq!(Beside::of(&folder).wait().as_ref(), Some(&found));
         assert_eq!(Beside { folder: folder.clone(), thread: None }.wait(), Some(found), "no thread was to be had");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A recorder that loses ticks was the same build as one that loses none.
+    #[test]
+    fn another_engine_of_any_role_is_another_build() {
+        let folder = std::env::temp_dir().join(format!("hystation-engines-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let folders = BTreeSet::from([folder.as_path()]);
+        plan::engines().for_each(|role| std::fs::write(folder.join(role.name()), "an engine").unwrap());
+        let build = || hash(&programs(&folders).unwrap()[1..]).unwrap(); // without this program, which is large
+        let found = build();
+        assert_eq!(build(), found);
+        for role in plan::engines() {
+            std::fs::write(folder.join(role.name()), "another").unwrap();
+            assert_ne!(build(), found, "{}", role.name());
+            std::fs::write(folder.join(role.name()), "an engine").unwrap();
+        }
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

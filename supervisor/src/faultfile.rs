@@ -12,6 +12,7 @@ pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
 pub use thread::Helper;
 
+use crate::bounded;
 use crate::moment::MOST_PHASE_US;
 use hyst_messages::{Role, Slot};
 use schemars::JsonSchema;
@@ -20,6 +21,8 @@ use std::path::Path;
 
 /// Most faults in one file: a campaign of a few hours.
 pub const MOST_FAULTS: usize = 100_000;
+/// Largest file, bytes: so many faults, each with every option that there is, have less.
+const MOST_BYTES: u64 = 32 << 20;
 /// Shortest and longest time that a fault may last, s: in less than a tick nobody does anything, and nothing would come of it.
 const LASTS_S: std::ops::RangeInclusive<f64> = 0.001..=3_600.0;
 
@@ -196,7 +199,7 @@ fn no_target(name: &str) -> String {
 /// Reads and checks a fault file; the faults come back in the order of their ticks.
 pub fn read(path: &Path) -> Result<FaultFile, FaultFileError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| FaultFileError::Read(name.clone(), e))?;
+    let text = bounded::text(path, MOST_BYTES).map_err(|e| FaultFileError::Read(name.clone(), e))?;
     parse(&name, &text)
 }
 
@@ -218,6 +221,18 @@ fn parse(name: &str, text: &str) -> Result<FaultFile, FaultFileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_of_faults_that_is_no_file_or_too_large_is_refused() {
+        let refusal = |path: &Path| read(path).unwrap_err().to_string();
+        assert!(refusal(Path::new("/dev/null")).contains("it is a pipe or a device, not a file; give the path of"));
+        let path = std::env::temp_dir().join(format!("hystation-faults-{}.toml", std::process::id()));
+        std::fs::File::create(&path).unwrap().set_len(MOST_BYTES + 1).unwrap();
+        assert!(refusal(&path).contains(&format!("it has more than {MOST_BYTES} bytes")));
+        std::fs::write(&path, "seed = 41\n").unwrap();
+        assert_eq!(read(&path).unwrap().seed, 41);
+        std::fs::remove_file(&path).unwrap();
+    }
 
     #[test]
     fn a_fault_file_is_sorted_and_nonsense_is_named() {

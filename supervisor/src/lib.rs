@@ -13,6 +13,7 @@ pub mod proc;
 
 mod accounts;
 mod active;
+mod bounded;
 mod build;
 mod case;
 mod clean;

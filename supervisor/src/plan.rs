@@ -68,6 +68,11 @@ pub fn slots(settings: &Settings, spares: bool, only: Option<&[Role]>) -> Vec<Sl
         .collect()
 }
 
+/// The roles that have a program of their own in a folder of engines: all but the keepers, which are this program.
+pub fn engines() -> impl Iterator<Item = Role> {
+    Role::ALL.into_iter().filter(|role| !matches!(role, Role::Supervisor | Role::Guardian))
+}
+
 impl Plan {
     /// The slots that have a name here; an unknown name is left out.
     pub fn slots(&self) -> Vec<Slot> {
@@ -116,5 +121,13 @@ mod tests {
         let expected = "hardware device haptic:0 tissue:0 fluid:0 rendering recorder";
         assert_eq!(names(&slots(&small, false, None)).join(" "), expected);
         assert_eq!(names(&slots(&small, true, Some(&[Role::Tissue]))), ["tissue:0", "tissue:1"]);
+    }
+
+    #[test]
+    fn the_engines_are_those_of_a_station_that_records_and_has_its_page() {
+        let settings = Settings { record: Some("/x".into()), ..Default::default() };
+        let mut roles: Vec<Role> = slots(&settings, true, None).into_iter().map(|slot| slot.role()).collect();
+        roles.dedup();
+        assert_eq!(engines().collect::<Vec<Role>>(), roles);
     }
 }

@@ -1,6 +1,8 @@
 //! A campaign as a tester runs it: the plan is the same for the same seed, a batch goes on where the one before ended, the reports can be
 //! read by what reads such reports, one fault can be repeated, a promise that is broken ends with code 1, and what cannot be is refused.
 
+#[path = "campaign/killed.rs"]
+mod killed;
 #[path = "campaign/repeated.rs"]
 mod repeated;
 
@@ -51,13 +53,15 @@ fn results(folder: &Folder) -> Vec<Value> {
     folder.read("out/results.jsonl").lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
 }
 
+/// What is left of a station of this name.
+fn left() -> Option<String> {
+    let mine = format!("campaign-{}", std::process::id());
+    let names = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    names.map(|entry| entry.file_name().to_string_lossy().into_owned()).find(|name| name.contains(&mine))
+}
+
 /// Nothing of a station of this name is left.
 fn assert_nothing_left() {
-    let mine = format!("campaign-{}", std::process::id());
-    let left = || {
-        let names = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
-        names.map(|entry| entry.file_name().to_string_lossy().into_owned()).find(|name| name.contains(&mine))
-    };
     assert_eq!(wait_for(Duration::from_secs(10), || left().is_none().then_some(())), Some(()), "left over: {:?}", left());
 }
 

@@ -6,10 +6,10 @@
 
 use super::bounds::least_faults;
 use super::cell::{self, Cell};
+use crate::bounded;
 use crate::faultfile::MOST_FAULTS;
 use crate::plan;
 use crate::settings::{Refusal, check_set};
-use hyst_engine::Settings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -163,11 +163,7 @@ fn default_void() -> f64 {
 pub fn read(path: &Path) -> Result<Campaign, Refusal> {
     let name = path.display().to_string();
     let refuse = |reason: String| Refusal::input(format!("campaign {name}: {reason}"));
-    let size = std::fs::metadata(path).map_err(|e| refuse(format!("{e}; give the path of a readable file")))?.len();
-    if size > MOST_BYTES {
-        return Err(refuse(format!("{size} bytes; a campaign has at most {MOST_BYTES}")));
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("{e}; give the path of a readable text file")))?;
+    let text = bounded::text(path, MOST_BYTES).map_err(|e| refuse(format!("{e}; give the path of a readable text file")))?;
     let stem = path.file_stem().map_or_else(|| "campaign".into(), |stem| stem.to_string_lossy().into_owned());
     let mut campaign = parse(&stem, &text).map_err(refuse)?;
     let beside = |place: &mut PathBuf| -> Result<(), Refusal> {
@@ -179,8 +175,8 @@ pub fn read(path: &Path) -> Result<Campaign, Refusal> {
     let folders = campaign.station.binaries.iter_mut().chain(campaign.arms.iter_mut().filter_map(|arm| arm.binaries.as_mut()));
     for folder in folders {
         beside(folder)?;
-        let engines = plan::slots(&Settings::default(), true, None).into_iter().map(|slot| slot.role().name());
-        if let Some(absent) = engines.into_iter().find(|name| !folder.join(name).is_file()) {
+        let mut engines = plan::engines().map(|role| role.name());
+        if let Some(absent) = engines.find(|name| !folder.join(name).is_file()) {
             return Err(refuse(format!("binaries {}: no {absent} there; a folder holds every engine", folder.display())));
         }
     }

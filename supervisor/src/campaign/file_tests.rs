@@ -285,9 +285,11 @@ fn what_a_cell_may_bring_about_is_one_of_three() {
 }
 
 #[test]
-fn a_file_that_is_missing_or_no_text_is_refused() {
+fn a_file_that_is_missing_no_text_or_no_file_is_refused() {
     assert_eq!(read(Path::new("/nowhere/x.toml")).unwrap_err().code, 2);
     assert_eq!(read(Path::new("/proc/self/exe")).unwrap_err().code, 2);
+    let device = read(Path::new("/dev/null")).unwrap_err();
+    assert!(device.code == 2 && device.message.contains("it is a pipe or a device, not a file"), "{}", device.message);
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! before its batch was through (Ctrl-C, stations that do not come up, a disk that takes no results).
 
 mod advice;
+mod begun;
 pub mod bounds;
 pub mod cell;
 mod deficit;
@@ -64,6 +65,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     room::check(&campaign, args.report.as_deref())
         .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
+    store.told_of_cut().iter().for_each(|line| warn(line));
     let code = in_folder(name, args, &campaign, &plan, &mut store);
     if !matches!(code, Ok(0))
         && let Some(folder) = store.keep()

@@ -106,6 +106,9 @@ impl Counters {
 pub struct Outcome {
     /// Number in the plan.
     pub index: usize,
+    /// Number of the run of its station, by which that is known in `stations.jsonl`; none of builds that did not note it, and of one that is repeated alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<usize>,
     /// Number of the station.
     pub station: usize,
     /// Arm.
@@ -152,6 +155,7 @@ impl Outcome {
     pub fn of(entry: &Entry) -> Outcome {
         Outcome {
             index: entry.index,
+            run: None,
             station: entry.station,
             arm: entry.arm.clone(),
             cell: entry.cell.clone(),

@@ -37,11 +37,12 @@ impl Runner<'_> {
             let number = open[at].station;
             let lap: Vec<&Entry> = open[at..].iter().copied().take_while(|entry| entry.station == number).collect();
             let lap = closed_up(&lap, &self.plan.faults, self.campaign.gap_ticks[1]);
-            let run = store.stations.len();
-            let files = store.folder().join(format!("run-{run}"));
             let origin = Origin::here(self.campaign)?;
             store.check_build(&origin)?;
-            let mut station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut |outcome| store.add(outcome))?;
+            let run = store.begin(number, &origin)?;
+            let files = store.files(run);
+            let mut take = |outcome: Outcome| store.add(Outcome { run: Some(run), ..outcome });
+            let mut station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut take)?;
             station.origin = Some(origin);
             let through = station.faults.len();
             store.add_station(station)?;

@@ -42,7 +42,7 @@ const EARLY_TICKS: u64 = 15;
 const SETTLED_TICKS: u64 = 150;
 /// Ticks between the end of a fault's window, and of a swap, and the next fault or its swap: what it may do to the hand later, and room for a control window.
 const QUIET_TICKS: u64 = AFTERMATH_TICKS + 320;
-/// Longest run of a station beyond what its faults should take, s: it ends by itself if the campaign was killed.
+/// Longest run of a station beyond what its faults should take, s: it ends by itself if the campaign was killed while nobody ran the station for it.
 const SPARE_TIME_S: u64 = 1_800;
 
 /// Why a station cannot go on.
@@ -302,8 +302,8 @@ pub(super) fn command(
     use std::os::unix::process::CommandExt;
     let last_tick = entries.last().map_or(0, |entry| entry.tick);
     let mut command = Command::new(std::env::current_exe()?);
-    // A group of its own: Ctrl-C is for the campaign, which then stops the station.
-    command.process_group(0).args(["--name", station.name(), "run", "--headless", "--test-mode", "--quiet"]);
+    // A group of its own: Ctrl-C is for the campaign, which then stops the station. One that is killed stops nobody: its station is asked to end by that.
+    command.process_group(0).args(["--name", station.name(), "run", "--headless", "--test-mode", "--quiet", "--with-parent"]);
     command.arg("--for").arg(format!("{}s", (4 * last_tick / 1_000 + SPARE_TIME_S).min(86_000)));
     command.arg("--report").arg(files.with_extension("json"));
     if campaign.records() {

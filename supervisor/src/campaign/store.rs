@@ -1,7 +1,8 @@
 //! The folder of a campaign's results. A line of `results.jsonl` is written when its fault is closed, so that a campaign that is interrupted,
-//! or run in batches, goes on where it ended. One campaign at a time has the folder. Results of another file, seed or plan are refused, never mixed; a plan of
-//! which nothing came gives way.
+//! or run in batches, goes on where it ended; faults of a station that was cut off come again ([`super::begun`]). One campaign at a time has the folder. Results
+//! of another file, seed or plan are refused, never mixed; a plan of which nothing came gives way.
 
+use super::begun::{Begun, Parted, part};
 use super::draw::Plan;
 use super::origin::Origin;
 use super::outcome::Outcome;
@@ -10,7 +11,6 @@ use crate::settings::Refusal;
 use hyst_exchange::whole;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -23,6 +23,12 @@ pub struct Store {
     _lock: File,
     /// Made for this run alone, and removed at its end unless it is kept.
     passing: bool,
+    /// Stations that were begun.
+    begun: Vec<Begun>,
+    /// Number of the next run.
+    next_run: usize,
+    /// Of stations that were cut off: their faults come again.
+    cut: Vec<Outcome>,
     /// One for each fault that is through.
     pub outcomes: Vec<Outcome>,
     /// One for each run of a station.
@@ -33,6 +39,8 @@ pub struct Store {
 const UNKNOWN: u8 = 3;
 /// The file that says what the results are of.
 const PLAN: &str = "plan.json";
+/// The file that says what runs a station, before its first fault.
+const BEGUN: &str = "begun.jsonl";
 /// Passing folders of one process id that are tried: each was kept by a campaign before this one.
 const MOST_PASSING: usize = 1_000;
 
@@ -86,18 +94,15 @@ impl Store {
             // Nothing has come of the plan that lies there.
             _ => whole::write(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
         }
-        let mut store = Store {
-            outcomes: lines(&path, "results.jsonl")?,
-            stations: lines(&path, "stations.jsonl")?,
-            folder: path,
-            _lock: lock,
-            passing: folder.is_none(),
-        };
-        // One that two campaigns wrote counts once.
-        let mut known = BTreeSet::new();
-        let is_of_plan = |outcome: &Outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell);
-        store.outcomes.retain(|outcome| is_of_plan(outcome) && known.insert(outcome.index));
-        Ok(store)
+        let mut outcomes: Vec<Outcome> = lines(&path, "results.jsonl")?;
+        let stations: Vec<StationOutcome> = lines(&path, "stations.jsonl")?;
+        let begun: Vec<Begun> = lines(&path, BEGUN)?;
+        let runs = stations.iter().map(|station| station.run).chain(begun.iter().map(|begun| begun.run));
+        let next_run = runs.chain(outcomes.iter().filter_map(|outcome| outcome.run)).max().map_or(0, |run| run.saturating_add(1));
+        outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
+        let Parted { through, cut } = part(outcomes, &stations);
+        let (outcomes, passing) = (through, folder.is_none());
+        Ok(Store { folder: path, _lock: lock, passing, begun, next_run, cut, outcomes, stations })
     }
 
     /// Has a passing folder outlive this run, if a station has left anything in it; says where it is.
@@ -114,6 +119,24 @@ impl Store {
         &self.folder
     }
 
+    /// The files of a run, without their endings.
+    pub fn files(&self, run: usize) -> PathBuf {
+        self.folder.join(format!("run-{run}"))
+    }
+
+    /// What is to be said of faults whose station was cut off; `None` if there are none.
+    pub fn told_of_cut(&self) -> Option<String> {
+        let faults = match self.cut.len() {
+            0 => return None,
+            1 => "1 fault is".to_string(),
+            count => format!("{count} faults are"),
+        };
+        Some(format!(
+            "{faults} not through, although done: the station was cut off (its campaign was killed, the disk took no more, or the machine lost power), \
+             so that nobody knows what else it did to the hand, lost or left; none is judged, and a run that goes on does them again"
+        ))
+    }
+
     /// Whether a fault is through.
     pub fn has(&self, index: usize) -> bool {
         self.outcomes.iter().any(|outcome| outcome.index == index)
@@ -121,13 +144,29 @@ impl Store {
 
     /// Refuses to go on with another build than that of the results so far; what is through can be judged by any.
     pub fn check_build(&self, origin: &Origin) -> Result<(), Refusal> {
-        let is_same = |known: Option<&Origin>| known.is_some_and(|known| known.is_same_build(origin));
-        let Some(other) = self.stations.iter().find(|station| !is_same(station.origin.as_ref())) else { return Ok(()) };
-        let whose =
-            other.origin.as_ref().map_or("a build that nobody noted".into(), |it| format!("build {} of {}", it.build, it.date));
+        let is_of_cut = |begun: &&Begun| self.cut.iter().any(|outcome| outcome.run == Some(begun.run));
+        let of_cut = self.begun.iter().filter(is_of_cut).map(|begun| Some(&begun.origin));
+        let mut all = self.stations.iter().map(|station| station.origin.as_ref()).chain(of_cut);
+        let is_other = |known: &Option<&Origin>| !known.is_some_and(|known| known.is_same_build(origin));
+        let Some(other) = all.find(is_other) else { return Ok(()) };
+        let whose = other.map_or("a build that nobody noted".into(), |it| format!("build {} of {}", it.build, it.date));
         let what =
             format!("its results are of {whose}, this is build {}; go on with that one, or give another folder", origin.build);
         Err(refuse(&self.folder, &what))
+    }
+
+    /// Notes what runs a station that begins, and gives the number of its run. Recordings of those that were cut off go: they are not judged.
+    pub fn begin(&mut self, station: usize, origin: &Origin) -> Result<usize, Refusal> {
+        let has_ended = |run: usize| self.stations.iter().any(|station| station.run == run);
+        for cut in self.begun.iter().filter(|begun| !has_ended(begun.run)) {
+            let _ = std::fs::remove_file(self.files(cut.run).with_extension("mcap")); // there may be none
+        }
+        let begun = Begun { run: self.next_run, station, origin: origin.clone() };
+        self.append(BEGUN, &begun)?;
+        self.next_run = self.next_run.saturating_add(1);
+        let run = begun.run;
+        self.begun.push(begun);
+        Ok(run)
     }
 
     /// Adds a fault.
@@ -179,7 +218,10 @@ fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refus
     };
     let length = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
     if length < bytes.len() {
-        whole::write(&path, &bytes[..length]).map_err(|e| refuse(&path, &e.to_string()))?;
+        // In its place: hours of lines before it are not written once more, which a machine that loses power then might forget.
+        let file = std::fs::OpenOptions::new().write(true).open(&path);
+        let is_cut = file.and_then(|file| file.set_len(length as u64).and_then(|()| file.sync_data()));
+        is_cut.map_err(|e| refuse(&path, &e.to_string()))?;
     }
     let mut found = Vec::new();
     for (index, line) in bytes[..length].split_inclusive(|byte| *byte == b'\n').enumerate() {
@@ -226,8 +268,13 @@ mod tests {
         let other = draw::plan(&file::parse("t", text).unwrap(), 2);
         Store::open(Some(&folder), &other).unwrap(); // nothing comes of it
         let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
+        let (own, another) = (build("f00"), build("bad"));
+        assert!(store.check_build(&own).is_ok(), "nothing was run yet");
         store.add(Outcome::of(&plan.faults[1])).unwrap();
         store.add(Outcome::of(&plan.faults[0])).unwrap();
+        let (origin, faults) = (Some(own.clone()), vec![1, 0]);
+        store.add_station(StationOutcome { origin, faults, ..StationOutcome::default() }).unwrap();
         let results = folder.join("results.jsonl");
         let whole = std::fs::read_to_string(&results).unwrap();
         std::fs::write(&results, format!("{whole}{{\"index\":2,\"stat")).unwrap();
@@ -237,12 +284,6 @@ mod tests {
         let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
         assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
-        let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
-        let (own, another) = (build("f00"), build("bad"));
-        assert!(again.check_build(&own).is_ok(), "nothing was run yet");
-        again.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
-        drop(again);
-        let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert!(again.check_build(&own).is_ok());
         let refused = again.check_build(&another).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
@@ -277,6 +318,7 @@ mod tests {
         let mut store = Store::open(Some(&folder), &plan).unwrap();
         let reason = String::from("an exclamation mark of another script: \u{ff01}");
         store.add(Outcome { reason, ..Outcome::of(&plan.faults[0]) }).unwrap();
+        store.add_station(StationOutcome { faults: vec![0], ..StationOutcome::default() }).unwrap();
         drop(store);
         let results = folder.join("results.jsonl");
         let whole = std::fs::read(&results).unwrap();
