@@ -56,12 +56,18 @@ fn between(scene: &LoadedScene, otherwise: [Otherwise; 2], ticks: usize) -> Resu
 
 /// The same of two that are at rest.
 fn pressed(press: [Press; 2], ticks: usize) -> Result<Apart, String> {
+    pressed_beside(press, ticks, |_, _| ())
+}
+
+/// The same with something else after each tick.
+fn pressed_beside(press: [Press; 2], ticks: usize, mut each: impl FnMut(usize, &[(Press, Record); 2])) -> Result<Apart, String> {
     let mut press = press.map(|press| (press, Record::default()));
     let mut apart = Apart::default();
     for tick in 0..ticks {
         for (press, record) in &mut press {
             press.tick(tick, record)?;
         }
+        each(tick, &press);
         let [(coarse, felt), (fine, right)] = &press;
         apart.told = apart.told.max(distance(felt.told_n, right.told_n));
         apart.most_told_n = apart.most_told_n.max(distance(right.told_n, [0.0; 3]));
@@ -88,6 +94,8 @@ fn pressed(press: [Press; 2], ticks: usize) -> Result<Apart, String> {
 
 #[cfg(test)]
 mod tests {
+    mod told;
+
     use super::*;
     use crate::bench;
     use crate::body::Body;
@@ -105,13 +113,23 @@ mod tests {
     const TICKS: usize = 1_000;
     const LEAST_N: f64 = 1.0;
 
+    /// Two that are pressed alike; says where they tell the hand other forces, and what these are made of.
+    fn compared(what: &str, press: [Press; 2]) -> Apart {
+        let mut told = told::Told::default();
+        let apart = pressed_beside(press, TICKS, |tick, runs| told.look(tick, runs)).unwrap();
+        told.print(what);
+        apart
+    }
+
     fn assert_near(name: &str, finer: u32) -> Apart {
         assert_pressed(name, finer, LEAST_N)
     }
 
     fn assert_pressed(name: &str, finer: u32, least_n: f64) -> Apart {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes").join(format!("{name}.toml"));
-        let apart = apart(&hyst_scene::load(&path).unwrap(), [1, finer], TICKS).unwrap();
+        let scene = hyst_scene::load(&path).unwrap();
+        let press = |finer: u32| Press::with(&scene, Isa::detect(), 1, Otherwise { finer, ..Otherwise::default() });
+        let apart = compared(name, [press(1).unwrap(), press(finer).unwrap()]);
         println!("{name}, beside {finer} times as fine: {apart:?}");
         assert!(apart.most_n > least_n && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
         assert!(apart.force < MOST && apart.displacement < MOST, "{name}: {apart:?}");
@@ -202,7 +220,7 @@ mod tests {
         let (coarse, with_added_kg, substeps) = press_of(scene, body, 1).unwrap();
         let fine = FINER_OF_CUT.into_iter().find_map(|finer| Some((finer, press_of(scene, body, finer).ok()?)));
         let (finer, (fine, own_kg, fine_substeps)) = fine.expect("steps that are short enough");
-        let apart = pressed([coarse, fine], TICKS).unwrap();
+        let apart = compared(what, [coarse, fine]);
         let added = 100.0 * (with_added_kg / own_kg - 1.0);
         println!("{what}: {substeps} substeps with {added:.3} % of mass added, beside {finer} times {fine_substeps}: {apart:?}");
         assert!(apart.most_n > LEAST_N && apart.most_m > 1e-3, "{what}: the hand hardly touches: {apart:?}");

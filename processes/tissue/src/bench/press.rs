@@ -391,4 +391,6 @@ impl Laps<'_> {
 }
 
 #[cfg(test)]
+pub mod parts;
+#[cfg(test)]
 mod tests;
