@@ -125,9 +125,10 @@ fn truth(scene: &LoadedScene) -> Result<Value, String> {
     apart(scene, &method, || felt::apart(scene, [1, FINER], TRUTH_TICKS))
 }
 
-/// Rows for whether force and displacement are near enough to those of the converged solution. A hand that meets nothing shows neither.
-fn is_near(truth: &Value) -> [Value; 2] {
-    ["force_apart", "displacement_apart"].map(|key| {
+/// Rows for whether the force on the tool, what of it the hand is told and the displacement are near enough to those of the converged solution. A hand that
+/// meets nothing shows none.
+fn is_near(truth: &Value) -> [Value; 3] {
+    ["force_apart", "told_apart", "displacement_apart"].map(|key| {
         let name = format!("{}, share of the largest", key.replace('_', " "));
         match truth[key].as_f64() {
             Some(share) => target(&name, share, MOST_APART, false),
@@ -154,8 +155,10 @@ fn apart(scene: &LoadedScene, method: &str, runs: impl Fn() -> Result<felt::Apar
         "steps": TRUTH_TICKS,
         "step_us": spread(&mut [step_ns], US),
         "force_apart": apart.force,
+        "told_apart": apart.told,
         "displacement_apart": apart.displacement,
         "force_max_n": apart.most_n,
+        "told_max_n": apart.most_told_n,
         "displacement_max_m": apart.most_m,
         "peers": {},
         "peers_note": NO_PEERS,

@@ -35,6 +35,9 @@ const MAX_HELD_DEPTH_M: f32 = 3e-4;
 const MOST_BENT_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
+/// Planes are nowhere stiffer than this together, N/m: some as stiff as the wall itself is under the tip, so that a hand that goes on while no tissue steps feels
+/// about what the tissue would do (`main_loop/tests/blind.rs`). A device that can make nine tenths of its coupling as stiff as that feels all of the force.
+const MOST_STIFFNESS_N_M: f32 = 500.0;
 
 /// How contacts answer, those with the tool and those of tissue with tissue.
 pub const LAW: ContactLaw = ContactLaw {
@@ -321,7 +324,8 @@ impl Contacts {
             pivot_m: Some(world.case.pivot_m),
             tool: TOOL_ID,
         };
-        let params = PlaneParams { range_m: ANTICIPATION_M, stiffness_n_m3: self.stiffness_n_m3 };
+        let params =
+            PlaneParams { range_m: ANTICIPATION_M, stiffness_n_m3: self.stiffness_n_m3, most_stiffness_n_m: MOST_STIFFNESS_N_M };
         Ok((planes(&input, &params), total))
     }
 }

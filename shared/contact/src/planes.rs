@@ -9,6 +9,8 @@
 //! planes, which conserve energy.
 //! Points that are about to touch ([`Gap`]) make planes too, at the distance of their gap over s: there the hand meets the wall at
 //! the servo's rate, before the tissue has answered.
+//! Together the planes are nowhere stiffer than a bound: what a servo can make a hand feel has one, and beyond it would be felt with less force. Contacts that
+//! are stiffer become planes that are softer and as much deeper, so that the force stays what it is; walls about to be met have what is left of it.
 
 use crate::force::ContactForce;
 use crate::lever::Lever;
@@ -22,6 +24,8 @@ pub const MAX_PLANES: usize = 8;
 const FARTHEST_M: f32 = 0.1;
 /// What is felt at the tip with less than this share of its force is not felt.
 const LEAST_FELT: f32 = 0.01;
+/// Contacts may have this share of the bound on stiffness, so that something is left for walls about to be met.
+const SHARE_OF_CONTACTS: f32 = 0.9;
 
 /// A wall for the tool's tip. Plain old data; all zero: no plane.
 #[repr(C)]
@@ -62,6 +66,18 @@ impl PlaneSet {
         let sum: Vec3 = self.planes.iter().map(|p| Vec3::from_array(p.force_n(tip_m))).sum();
         sum.to_array()
     }
+
+    /// A bound on how stiff the planes are together, N/m: the largest, of the normal of each of them, of the sum of all stiffness along it. It is no more than
+    /// they are where they have one normal or are at right angles.
+    pub fn stiffness_n_m(&self) -> f32 {
+        let of_planes = self.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m));
+        of_planes.iter().map(|(normal, _)| along(*normal, &of_planes)).fold(0.0, f32::max)
+    }
+}
+
+/// Stiffness of walls along a direction, N/m, each by the cosine of its normal.
+fn along(direction: Vec3, walls: &[(Vec3, f32); MAX_PLANES]) -> f32 {
+    walls.iter().map(|(normal, stiffness_n_m)| stiffness_n_m * direction.dot(*normal).abs()).sum()
 }
 
 /// What the planes are made from.
@@ -85,13 +101,15 @@ pub struct PlaneInput<'a> {
     pub tool: u32,
 }
 
-/// For walls about to be met.
+/// How far ahead walls are seen, and how stiff planes are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaneParams {
     /// Gaps from here on make no plane, metres.
     pub range_m: f32,
-    /// Force per area and depth, as of the contacts, N/m³.
+    /// Force per area and depth of walls about to be met, as of the contacts, N/m³.
     pub stiffness_n_m3: f32,
+    /// All planes together are nowhere stiffer than this, N/m, above 0.
+    pub most_stiffness_n_m: f32,
 }
 
 /// Sums over one direction of the cube.
@@ -145,12 +163,15 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
         }
     }
     let tip = Vec3::from_array(input.tip_m);
-    for bin in &bins {
-        let force = bin.force_n.length();
-        let depth = force / bin.stiffness_n_m;
-        // A share of less than a micronewton is rounding of the weights.
-        if force > 1.0e-6 && depth.is_finite() {
-            set.push(tip, bin.force_n / force, depth, bin.stiffness_n_m, bin.damping_n_s_m);
+    // A share of less than a micronewton is rounding of the weights.
+    bins.iter_mut().filter(|bin| bin.force_n.length() <= 1.0e-6).for_each(|bin| *bin = Bin::default());
+    let walls = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m));
+    let together_n_m = walls.iter().map(|(normal, _)| along(*normal, &walls)).fold(0.0, f32::max);
+    let softer = (SHARE_OF_CONTACTS * params.most_stiffness_n_m / together_n_m).min(1.0);
+    for (bin, (normal, stiffness_n_m)) in bins.iter().zip(walls) {
+        let depth = bin.force_n.length() / (softer * stiffness_n_m);
+        if depth.is_finite() {
+            set.push(tip, normal, depth, softer * stiffness_n_m, bin.damping_n_s_m);
         }
     }
     if !Vec3::from_array(set.force_n(input.tip_m)).is_finite() {
@@ -187,14 +208,22 @@ fn approach(input: &PlaneInput<'_>, params: &PlaneParams, lever: Option<Lever>, 
     });
     order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let tip = Vec3::from_array(input.tip_m);
+    let ahead = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m));
+    let softer = left_beside(set, &ahead, params.most_stiffness_n_m);
     for (gap, b) in order {
-        if let Some(normal) = bins[b].force_n.try_normalize()
-            && gap.is_finite()
-            && bins[b].stiffness_n_m > 1.0e-3
-        {
-            set.push(tip, normal, -gap, bins[b].stiffness_n_m, 0.0);
+        let (normal, stiffness_n_m) = (ahead[b].0, softer * ahead[b].1);
+        if normal != Vec3::ZERO && gap.is_finite() && stiffness_n_m > 1.0e-3 {
+            set.push(tip, normal, -gap, stiffness_n_m, 0.0);
         }
     }
+}
+
+/// The share of their stiffness that walls ahead may have beside planes that are there, so that all are nowhere stiffer than the bound.
+fn left_beside(set: &PlaneSet, ahead: &[(Vec3, f32); MAX_PLANES], most_n_m: f32) -> f32 {
+    let there = set.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m));
+    let left = |(normal, _): &(Vec3, f32)| ((most_n_m - along(*normal, &there)) / along(*normal, ahead)).max(0.0);
+    // Along a direction in which nothing is ahead all may stay as it is.
+    there.iter().chain(ahead).map(left).filter(|share| !share.is_nan()).fold(1.0, f32::min)
 }
 
 impl PlaneSet {

@@ -13,7 +13,7 @@ const PIVOT_M: [f32; 3] = [0.001, -0.002, 0.003];
 /// The tip, so far before the pivot along z, m.
 const LENGTH_M: f32 = 0.04;
 const TIP_M: [f32; 3] = [0.001, -0.002, 0.003 + LENGTH_M];
-const PARAMS: PlaneParams = PlaneParams { range_m: 0.002, stiffness_n_m3: 2e7 };
+const PARAMS: PlaneParams = PlaneParams { range_m: 0.002, stiffness_n_m3: 2e7, most_stiffness_n_m: f32::INFINITY };
 /// Area that a point stands for, m².
 const AREA_M2: f32 = 2e-7;
 /// Of the contacts here.

@@ -16,6 +16,7 @@ struct Scene {
     tip_m: [f32; 3],
     poke: Poke,
     contacts: Vec<ContactForce>,
+    most_n_m: f32,
 }
 
 fn press(tip_m: [f32; 3]) -> Scene {
@@ -24,7 +25,7 @@ fn press(tip_m: [f32; 3]) -> Scene {
     let mut poke = Poke::new(positions_m, tets, &tool);
     let penetrations = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
     let contacts = penetrations.iter().map(|penetration| force_of(penetration, &tool, STIFFNESS_N_M3)).collect();
-    Scene { tool, tip_m, poke, contacts }
+    Scene { tool, tip_m, poke, contacts, most_n_m: f32::INFINITY }
 }
 
 impl Scene {
@@ -44,7 +45,7 @@ impl Scene {
             pivot_m,
             tool: TOOL,
         };
-        planes(&input, &PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3 })
+        planes(&input, &PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3, most_stiffness_n_m: self.most_n_m })
     }
 
     fn gaps(&self) -> Vec<Gap> {
@@ -99,6 +100,29 @@ fn planes_of_a_tool_that_turns_about_a_pivot_give_what_its_contacts_are_at_the_t
         let held = sum([scene.planes_about(Some(pivot_m), &[]).force_n(scene.tip_m)].into_iter());
         assert!((held - wanted).length() < 1e-4 * wanted.length(), "{held} for {wanted}");
         assert!((held - normal).length() > 5e-3 * normal.length(), "{held}, as without a lever");
+    }
+}
+
+/// A servo has a bound on what it can make a hand feel; whatever the contacts' stiffness, their force is told in full.
+#[test]
+fn planes_are_nowhere_stiffer_than_their_bound_and_give_the_same_force() {
+    for depth_mm in [-0.5f32, 0.1, 2.0, 5.0] {
+        let mut scene = press([0.3 * MM, 0.1 * MM, depth_mm * MM]);
+        let gaps = scene.gaps();
+        let free = scene.planes(&gaps);
+        let contacts_n_m = scene.planes(&[]).stiffness_n_m();
+        let (own_n, own_n_m) = (sum([free.force_n(scene.tip_m)].into_iter()), free.stiffness_n_m());
+        for most_n_m in [0.1, 0.5, 0.99].map(|share| share * own_n_m) {
+            scene.most_n_m = most_n_m;
+            let (set, bare) = (scene.planes(&gaps), scene.planes(&[]));
+            let held = sum([set.force_n(scene.tip_m)].into_iter());
+            assert!((held - own_n).length() < 1e-5 * own_n.length() + 1e-9, "{depth_mm} mm: {held} for {own_n}");
+            assert!(set.stiffness_n_m() < 1.0001 * most_n_m, "{depth_mm} mm: {} of {most_n_m} N/m", set.stiffness_n_m());
+            // Contacts leave a tenth for what is ahead, and have the rest.
+            assert!(bare.stiffness_n_m() < 0.9001 * most_n_m, "{depth_mm} mm: {} of {most_n_m} N/m", bare.stiffness_n_m());
+            let wanted_n_m = contacts_n_m.min(0.9 * most_n_m);
+            assert!(bare.stiffness_n_m() >= 0.999 * wanted_n_m, "{depth_mm} mm: {} of {wanted_n_m} N/m", bare.stiffness_n_m());
+        }
     }
 }
 
@@ -209,7 +233,8 @@ fn a_plane_that_would_be_far_away_is_near_and_has_the_same_force() {
         pivot_m: None,
         tool: TOOL,
     };
-    let set = planes(&input, &PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3 });
+    let set =
+        planes(&input, &PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3, most_stiffness_n_m: f32::INFINITY });
     assert!(set.count > 0, "there is none");
     for plane in &set.planes[..set.count as usize] {
         assert!(Vec3::from(plane.point_m).length() <= 0.1 + 1e-6, "{plane:?}");

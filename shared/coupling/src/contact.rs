@@ -27,7 +27,7 @@ pub struct Plane {
     pub point_m: [f32; 3],
     /// Unit normal that points to the free side. Lengths from 0.5 to 2 are normalised, others drop the plane.
     pub normal: [f32; 3],
-    /// Resistance to penetration, N/m, > 0. What the hand feels is limited by the servo's passivity bound.
+    /// Resistance to penetration, N/m, > 0. How stiff the planes are together is limited by the servo's passivity bound.
     pub stiffness_n_m: f32,
     /// Resistance to normal speed, N·s/m, ≥ 0. A negative or non-finite value counts as 0.
     pub damping_n_s_m: f32,
@@ -65,7 +65,7 @@ pub struct Constraint {
     pub normal: DVec3,
     /// Depth of the device below the plane, metres; negative outside.
     pub depth_m: f64,
-    /// Resistance that the hand shall feel, N/m, within `(0, max_stiffness]`.
+    /// Resistance of its own, N/m, > 0.
     pub stiffness_n_m: f64,
     /// Damping, N·s/m, within `[0, max_damping]`.
     pub damping_n_s_m: f64,
@@ -85,9 +85,8 @@ pub struct Constraints {
 }
 
 impl Constraints {
-    /// Checks `model` and expresses it at `position_m` (finite). Stiffness is limited to `max_stiffness_n_m`, damping
-    /// to `max_damping_n_s_m`, both ≥ 0.
-    pub fn at(model: &ContactModel, position_m: DVec3, max_stiffness_n_m: f64, max_damping_n_s_m: f64) -> Self {
+    /// Checks `model` and expresses it at `position_m` (finite). Damping is limited to `max_damping_n_s_m`, ≥ 0.
+    pub fn at(model: &ContactModel, position_m: DVec3, max_damping_n_s_m: f64) -> Self {
         let has_friction = (0.0..=MAX_FRICTION).contains(&model.friction);
         let faulty = model.count as usize > MAX_PLANES || !has_friction;
         let friction = f64::from(sane(model.friction, 0.0, MAX_FRICTION, 0.0));
@@ -102,7 +101,7 @@ impl Constraints {
             result.all[result.count] = Constraint {
                 normal,
                 depth_m: (point - position_m).dot(normal),
-                stiffness_n_m: f64::from(plane.stiffness_n_m).min(max_stiffness_n_m),
+                stiffness_n_m: f64::from(plane.stiffness_n_m),
                 damping_n_s_m: if damping.is_finite() { damping.clamp(0.0, max_damping_n_s_m) } else { 0.0 },
             };
             result.count += 1;
@@ -146,7 +145,7 @@ mod tests {
     #[test]
     fn depth_is_positive_behind_the_plane_and_normals_become_unit() {
         let long = Plane { normal: [0.0, 0.0, -1.5], ..wall() };
-        let seen = Constraints::at(&ContactModel::new(&[long]), DVec3::new(0.0, 0.0, 0.052), 1e3, 2.0);
+        let seen = Constraints::at(&ContactModel::new(&[long]), DVec3::new(0.0, 0.0, 0.052), 2.0);
         assert_eq!(seen.count, 1);
         assert_eq!(seen.used()[0].normal, DVec3::NEG_Z);
         assert!((seen.used()[0].depth_m - 0.002).abs() < 1e-8);
@@ -162,7 +161,7 @@ mod tests {
             Plane { stiffness_n_m: f32::INFINITY, ..wall() },
         ];
         for plane in bad {
-            let seen = Constraints::at(&ContactModel::new(&[plane, wall()]), DVec3::ZERO, 1e3, 2.0);
+            let seen = Constraints::at(&ContactModel::new(&[plane, wall()]), DVec3::ZERO, 2.0);
             assert!(seen.faulty && seen.count == 1, "{plane:?}");
         }
     }
@@ -179,7 +178,7 @@ mod tests {
             (f32::INFINITY, 0.0, true),
         ] {
             let model = ContactModel { friction: told, ..ContactModel::new(&[wall()]) };
-            let seen = Constraints::at(&model, DVec3::ZERO, 1e3, 2.0);
+            let seen = Constraints::at(&model, DVec3::ZERO, 2.0);
             assert_eq!((seen.friction as f32, seen.faulty, seen.count), (expected, is_faulty, 1), "{told}");
         }
     }
@@ -188,7 +187,7 @@ mod tests {
     fn an_absurd_count_reads_no_further_than_the_array() {
         let mut model = ContactModel::new(&[wall(); MAX_PLANES]);
         model.count = u32::MAX;
-        let seen = Constraints::at(&model, DVec3::ZERO, 1e3, 2.0);
+        let seen = Constraints::at(&model, DVec3::ZERO, 2.0);
         assert!(seen.faulty && seen.count == MAX_PLANES);
     }
 }

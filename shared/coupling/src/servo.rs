@@ -7,8 +7,8 @@
 //! 3. Return: when force comes back while the tip is buried (after a gap or a fade), the surface is first felt where the
 //!    hand is, so far shifted that the force stays what it is, and moves to its place at `return_speed_m_s`. It resists
 //!    from the first tick, but it does not throw the hand out. If the hand withdraws, the surface follows it.
-//! 4. Proxy and push of the planes ([`crate::proxy`]), coupling limited by the passivity bound; damping that grows with
-//!    depth (no step on entry) and never pulls.
+//! 4. Push of the planes and the proxy ([`crate::proxy`]): what the planes say, all of it as long as they together are no stiffer than nine tenths of
+//!    the coupling, which the passivity bound limits; damping that grows with depth (no step on entry) and never pulls.
 //! 5. Friction of the planes, a spring that slides (`servo/friction.rs`); passivity observer and controller (Hannaford and Ryu
 //!    2002), which meets what the bound cannot know: planes that move.
 //! 6. What the medium does to the scope (`servo/medium.rs`), with an account of its own; then the force limit.
@@ -94,9 +94,8 @@ struct Touch {
 fn touch(params: &ServoParams, next: &mut ServoState, input: &ServoInput, velocity: Vec3, known: bool, restored: bool) -> Touch {
     let position = Vec3::from_array(input.position_m);
     let coupling_n_m = f64::from(params.coupling_limit_n_m(input.dt_s));
-    let stiffness_limit = proxy::MAX_STIFFNESS_SHARE * coupling_n_m;
     let damping_limit = f64::from(params.max_damping_n_s_m);
-    let mut walls = Constraints::at(input.model, position.as_dvec3(), stiffness_limit, damping_limit);
+    let mut walls = Constraints::at(input.model, position.as_dvec3(), damping_limit);
     let shift = surface_shift(params, next, &walls, coupling_n_m, restored || !known, input.dt_s);
     walls.shift(shift);
     let rest = proxy::rest(walls.used(), coupling_n_m);
@@ -214,7 +213,7 @@ fn push_of(params: &ServoParams, walls: &Constraints, rest: &Proxy, velocity: DV
     let depth_full = f64::from(params.damping_depth_m);
     let mut damping = [0.0; MAX_PLANES];
     for ((damping, c), push) in damping.iter_mut().zip(walls.used()).zip(rest.push_n) {
-        *damping = c.damping_n_s_m * (push / (c.stiffness_n_m * depth_full)).min(1.0);
+        *damping = if push > 0.0 { c.damping_n_s_m * (c.depth_m / depth_full).min(1.0) } else { 0.0 };
     }
     let total: f64 = damping.iter().sum();
     let damping_limit = f64::from(params.max_damping_n_s_m);

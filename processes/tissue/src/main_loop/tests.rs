@@ -7,6 +7,7 @@ mod cold;
 mod corrections;
 mod fold;
 mod grasp;
+mod grip;
 mod held;
 mod lattice;
 mod lent;

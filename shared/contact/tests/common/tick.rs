@@ -141,7 +141,7 @@ impl Tick {
             pivot_m: Some(PIVOT_M),
             tool: TOOL,
         };
-        let params = PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3 };
+        let params = PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: STIFFNESS_N_M3, most_stiffness_n_m: f32::INFINITY };
         self.set = planes(&input, &params);
     }
 }

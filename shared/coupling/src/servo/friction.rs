@@ -108,7 +108,7 @@ mod tests {
                 given_j += force_n.dot(moved_m);
                 sampled_j += 0.5 * stiffness_n_m * moved_m.length_squared();
                 let model = ContactModel { friction, ..ContactModel::new(&planes) };
-                let walls = Constraints::at(&model, DVec3::ZERO, 0.9 * COUPLING_N_M, 1.0);
+                let walls = Constraints::at(&model, DVec3::ZERO, 1.0);
                 let rest = proxy::rest(walls.used(), COUPLING_N_M);
                 let made = friction_step(&mut state, (&walls, &rest, COUPLING_N_M), gain, moved_m);
                 let push_n = gain * rest.push_n.iter().sum::<f64>();

@@ -1,9 +1,10 @@
 //! Promise of tissue and servo about a hand that goes on for a tenth of a second while nobody steps the tissue: it feels the planes of the last state, no step
 //! of the force comes of that, and the way back to fresh planes is as gentle as the servo's blend makes it.
 //!
-//! What of it is bounded by construction: planes that stand still make a force that changes by no more than the coupling's stiffness times the way of the tip,
-//! however stiff they say that they are. So no step is left for the time without tissue. That is also the farthest that the frozen planes lead from the tissue
-//! meanwhile, which yields where they do not; what of that the hand feels when fresh planes come is what the servo lets a model change the force by in a tick.
+//! What of it is bounded by construction: planes that stand still make a force that changes by no more than their stiffness times the way of the tip, and that
+//! of the tissue's is bounded (`most_stiffness_n_m`). So no step is left for the time without tissue. They are about as stiff as the wall of the default scene
+//! is under the tip, and lead as far from the tissue meanwhile as the two differ; what of that the hand feels when fresh planes come is what the servo lets a
+//! model change the force by in a tick.
 
 use super::*;
 use crate::contacts::LAW;
@@ -196,13 +197,13 @@ fn feels_no_step(name: &str, goes: Goes) {
     let felt = pressed(&mut main, &pages[1], goes);
     let params = ServoParams::default();
     let of_motion_n = FELT * params.coupling_limit_n_m(DT_S) * SPEED_M_S * DT_S;
-    let of_way_n = of_motion_n * BLIND as f32;
-    println!("{goes:?}: {felt:?}, at most {of_way_n} N apart");
-    let least_n = if goes == Goes::Deeper { 0.3 } else { 0.2 };
+    println!("{goes:?}: {felt:?}");
+    let least_n = if goes == Goes::Deeper { 1.0 } else { 0.4 };
     assert!(felt.end_n > least_n, "the hand hardly touches: {felt:?}");
     assert!(felt.apart_n > 1e-3, "the tissue does nothing that the frozen planes do not: {felt:?}");
-    // Planes that do not yield make the way of the tip a force: what the tissue yields meanwhile is less.
-    assert!(felt.apart_n < of_way_n, "the frozen planes lead away: {felt:?}");
+    // A fifth of what the way of the tip makes of the wall, which goes on with 500 N/m.
+    let of_way_n = 0.2 * 500.0 * SPEED_M_S * DT_S * BLIND as f32;
+    assert!(felt.apart_n < of_way_n, "the frozen planes lead away by more than {of_way_n} N: {felt:?}");
     assert!(felt.blind_n <= felt.own_n + MARGIN_N, "{felt:?}");
     assert!(felt.back_n < of_motion_n + MARGIN_N && felt.later_n < of_motion_n + MARGIN_N, "{felt:?}");
     // A tip that stuck to other planes may be held back in another direction until it has slid on.
