@@ -17,7 +17,7 @@ use crate::lens::Gaze;
 use crate::pieces::Pieces;
 use crate::removed::Removed;
 use crate::seals::{self, Seals};
-use crate::status::{Head, alarms_of, hash_of, is_of, status_of};
+use crate::status::{Head, alarms_of, hash_of, is_of, is_sane, status_of};
 use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
@@ -151,6 +151,13 @@ impl<'a> FlowEngine<'a> {
         [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4, gas, seals]
     }
 
+    /// Whether a state's sections are those of this grid. An engine in this one's place may know of no vessels.
+    fn has_sections(&self, message: &Message<'_>) -> bool {
+        let sections = self.sections();
+        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
+        (0..seals::SECTION).all(fits)
+    }
+
     /// Takes the tissue's newest state and topology.
     fn receive(&mut self) {
         self.tissues.receive(self.life, self.step_ticks.get());
@@ -229,6 +236,14 @@ impl<'a> FlowEngine<'a> {
     }
 }
 
+/// Whether the numbers of a state can be.
+fn has_sane_numbers(message: &Message<'_>) -> bool {
+    seals::are_sane(message)
+        && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
+        && message.record::<Head>(0).is_ok_and(|head| is_sane(&head.status))
+        && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()))
+}
+
 /// The flaws of walls of which so many numbers were replaced.
 fn flaws_of(replaced: u32, is_open: bool) -> u32 {
     (if replaced > 0 { WALLS_REPLACED } else { 0 }) | (if is_open { WALLS_OPEN } else { 0 })
@@ -275,22 +290,19 @@ impl Stateful for FlowEngine<'_> {
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::FluidState) else { return false };
-        let sections = self.sections();
-        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
-        // An engine in this one's place may know of no vessels.
-        (0..seals::SECTION).all(fits)
-            && seals::are_sane(&message)
-            && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
+        self.has_sections(&message)
             && message.record::<Head>(0).is_ok_and(|head| is_of(&head.status, message.header()))
-            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()))
+            && has_sane_numbers(&message)
     }
 
     /// One of another grid has other sections.
     fn why_refused(&self, state: &[u8]) -> Refusal {
         let Ok(message) = Message::parse(state, Kind::FluidState) else { return Refusal::Unreadable };
-        let sections = self.sections();
-        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
-        if (0..seals::SECTION).all(fits) { Refusal::Numbers } else { Refusal::Sections }
+        match () {
+            () if !self.has_sections(&message) => Refusal::Sections,
+            () if !has_sane_numbers(&message) => Refusal::Numbers,
+            () => Refusal::OtherTick,
+        }
     }
 
     /// The tissue's state that the sequencer has seen finished, or that it was refused; and the hardware's sample of this tick.

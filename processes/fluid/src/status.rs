@@ -66,16 +66,17 @@ pub(crate) fn hash_of(state: &[u8]) -> u64 {
     message.and_then(|message| message.section::<u8>(1)).map_or(0, |block| fnv_words(0, block.chunks(8).map(word)))
 }
 
-/// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
-/// role was computed for another tick, and says so by a step of 0.
-pub(crate) fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
+/// Whether the numbers of a status can be.
+pub(crate) fn is_sane(status: &FluidStatus) -> bool {
     let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
-    let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
     let is_share = (0.0..=1.0).contains(&status.transmittance);
-    of_tick
-        && is_share
-        && numbers.iter().all(|value| value.is_finite())
-        && status.on_scope_n.iter().all(|force| force.is_finite())
+    is_share && numbers.iter().all(|value| value.is_finite()) && status.on_scope_n.iter().all(|force| force.is_finite())
+}
+
+/// Whether a status is of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the role was computed for
+/// another tick, and says so by a step of 0.
+pub(crate) fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
+    status.state_tick == header.tick || header.step_ticks == 0
 }
 
 #[cfg(test)]

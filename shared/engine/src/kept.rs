@@ -6,12 +6,15 @@ use crate::verify::verify;
 use hyst_exchange::{PageError, Station, StationError, StationPage, system};
 use hyst_messages::Role;
 use rustix::fs::StatVfsMountFlags;
-use std::fs::File;
+use std::fs::{File, Permissions};
 use std::io::{Error, ErrorKind, Read, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 /// The file that says where a copy is from, beside it.
 const FROM: &str = "from";
+/// The mode of a copy.
+const OWNERS_MODE: u32 = 0o700;
 /// Bytes that are copied at a time.
 const PIECE: usize = 1 << 18;
 /// How long one who removes copies is waited for, and between two looks, ns.
@@ -127,7 +130,8 @@ fn open(station: &Station, folder: &Path) -> std::io::Result<File> {
     Ok(opened)
 }
 
-/// Copies a program; gives the hash of what is in the copy, whatever the file is by now.
+/// Copies a program; gives the hash of what is in the copy, whatever the file is by now. The copy has a mode of its own: who runs the station alone may run it, or
+/// write into it, and it runs as nobody else, whatever the file's bits of user and group say.
 fn write(engine: &mut File, to: &Path) -> std::io::Result<u64> {
     let (mut copy, mut content, mut piece) = (File::create_new(to)?, NOTHING, vec![0; PIECE]);
     loop {
@@ -138,7 +142,7 @@ fn write(engine: &mut File, to: &Path) -> std::io::Result<u64> {
         copy.write_all(&piece[..count])?;
         content = hash(content, &piece[..count]);
     }
-    copy.set_permissions(engine.metadata()?.permissions())?;
+    copy.set_permissions(Permissions::from_mode(OWNERS_MODE))?;
     Ok(content)
 }
 
@@ -225,6 +229,21 @@ mod tests {
         assert!(is_gone, "nobody runs the first any more");
         assert!(bad.exists() && !better.exists(), "of the third no swap came");
         assert!(copy(&station, &work.join("absent")).unwrap_err().contains("absent"));
+        station.wipe();
+    }
+
+    /// It had the file's: a copy of what runs as its owner ran as its owner, too.
+    #[test]
+    fn a_copy_is_its_owners_whatever_mode_the_file_has() {
+        let (station, work) = station("mode");
+        let mine = work.join("mine");
+        for mode in [0o6755, 0o4711, 0o777, 0o500] {
+            std::fs::write(&mine, format!("of mode {mode:o}")).unwrap();
+            std::fs::set_permissions(&mine, Permissions::from_mode(mode)).unwrap();
+            let copy = copied(&station, &mine);
+            assert_eq!(std::fs::metadata(&copy).unwrap().permissions().mode() & 0o7777, OWNERS_MODE, "{mode:o}");
+            std::fs::remove_file(&mine).unwrap();
+        }
         station.wipe();
     }
 

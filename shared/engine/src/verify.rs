@@ -17,6 +17,8 @@ use std::time::Duration;
 const READ_WITHIN: Duration = Duration::from_secs(1);
 /// How long an engine may take to say what it is: a loader on a busy machine.
 const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
+/// How long a process that was killed may take to be gone, ns: tear-down of 1 GB takes 0.2 s.
+const GONE_WITHIN_NS: u64 = 5_000_000_000;
 /// Between two looks whether a child has ended, ns.
 const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 /// Longest answer that is read, bytes.
@@ -106,6 +108,10 @@ fn ask(path: &Path, given_up: &dyn Fn() -> bool) -> Result<String, String> {
     let status = wait_unless(&mut child, ANSWER_WITHIN_NS, given_up);
     let text = told.recv_timeout(READ_WITHIN).ok().flatten();
     match status {
+        None if matches!(child.try_wait(), Ok(None)) => {
+            let pid = child.id();
+            Err(format!("{name} {DESCRIBE} did not end and cannot be ended (process {pid}); does the disk that it is on answer?"))
+        }
         None if given_up() => Err(format!("{name} {DESCRIBE} was given up before it had ended")),
         None => Err(format!("{name} {DESCRIBE} did not end within {} s; is it an engine?", ANSWER_WITHIN_NS / 1_000_000_000)),
         Some(status) if !status.success() => {
@@ -139,7 +145,7 @@ fn first_line(said: &[u8]) -> Option<String> {
 }
 
 /// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
-/// child of it could hold a pipe open, and there is no status.
+/// child of it could hold a pipe open, and there is no status. One that the system does not let end, as for a disk that does not answer, is left as it is.
 pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
     wait_unless(child, limit_ns, &|| false)
 }
@@ -151,7 +157,8 @@ pub fn wait_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool
         if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
             let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
         }
-        let _ = child.wait();
+        let _ = child.kill(); // it may have gone into another group
+        let _ = await_end(child, GONE_WITHIN_NS);
     }
     status
 }
@@ -218,6 +225,18 @@ mod tests {
         }
         let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| true).unwrap_err();
         assert!(refused.contains("is it an engine?") || refused.contains("was given up"), "{refused}");
+    }
+
+    /// It was waited for until it ended by itself: all that was killed was a group that it had left.
+    #[test]
+    fn one_that_leads_no_group_is_ended_as_well() {
+        let mut child = Command::new("sleep").arg("600").stdin(Stdio::null()).spawn().unwrap();
+        let (tell, told) = channel();
+        std::thread::spawn(move || {
+            let status = wait_within(&mut child, 0);
+            tell.send((status, matches!(child.try_wait(), Ok(Some(_)))))
+        });
+        assert_eq!(told.recv_timeout(Duration::from_secs(60)), Ok((None, true)));
     }
 
     #[test]

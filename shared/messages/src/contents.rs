@@ -301,7 +301,7 @@ pub static TOLD: [Told; 19] = [
         "STATUS",
         "each block on disk",
         &[Role::Hardware, Role::Supervisor],
-        "on trial: a tick that is not there yet, more bytes than the file has",
+        "on trial: a tick that is not there yet or that cannot be read of the file, more bytes than the file has",
     ),
 ];
 

@@ -28,11 +28,13 @@ pub enum Refusal {
     Input = 9,
     /// Its reader does not say more.
     Unsound = 10,
+    /// What it holds is of another tick than its stamp.
+    OtherTick = 11,
 }
 
 impl Refusal {
     /// All of them.
-    pub const ALL: [Refusal; 10] = [
+    pub const ALL: [Refusal; 11] = [
         Refusal::Unreadable,
         Refusal::Ahead,
         Refusal::Behind,
@@ -43,6 +45,7 @@ impl Refusal {
         Refusal::Numbers,
         Refusal::Input,
         Refusal::Unsound,
+        Refusal::OtherTick,
     ];
 
     /// What its writer is distrusted for.
@@ -66,6 +69,7 @@ impl Refusal {
             Refusal::Numbers => "a number in it is none, or out of range",
             Refusal::Input => "it is not of the input that it names",
             Refusal::Unsound => "it is not sound",
+            Refusal::OtherTick => "what it holds is of another tick than its stamp",
         }
     }
 }
@@ -121,7 +125,7 @@ mod tests {
             let stands = [Refusal::Behind, Refusal::Stamp].contains(&why);
             assert_eq!(why.distrust(), if stands { Distrust::Still } else { Distrust::Invalid });
         }
-        for who in [0, 7, 11 << 32 | 7, u64::MAX] {
+        for who in [0, 7, 12 << 32 | 7, u64::MAX] {
             assert_eq!(RefusedState::from_words([who, 5, 5]), None);
         }
         let said = RefusedState { why: Refusal::Mesh, incarnation: 7, tick: 5_000, epoch: 9, topology_version: 0xab }.to_string();

@@ -33,6 +33,7 @@ mod schema;
 pub mod sequence;
 mod summary;
 mod sync;
+mod tail;
 mod tissue;
 mod unpack;
 mod writer;
@@ -50,6 +51,7 @@ pub use reader::{Damage, Ending, Reader, Recording, open_file};
 pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
 pub use sync::Disk;
+pub use tail::Tail;
 pub use writer::{Closed, Writer};
 
 /// Session facts by name: the metadata record `station` of a file, which has a checksum of them and stands at its head, before its second block and at its end.

@@ -1,14 +1,17 @@
-//! The judge of a recorder or a rendering on probation: a helper process that looks a few times a second at what the newcomer's page says that it has brought
-//! forth, and at the file. Who brings forth nothing new agrees with nothing, and is out of tolerance when that lasts. A helper, because the file may lie on a
-//! disk that does not answer.
+//! The judge of a recorder or a rendering on probation: a helper process that looks a few times a second at what the newcomer has brought forth: at the ticks
+//! that can be read of its file, or at its pictures; what its page says of them has to be so. Who brings forth nothing new agrees with nothing, and is out of
+//! tolerance when that lasts. A helper, because the file may lie on a disk that does not answer.
 
 use super::judge::{Seen, tell};
 use super::pictures::{Gallery, Stream};
 use super::stated::{MOST_BEHIND_TICKS, STILL_NS, STILL_RECORDER_NS};
+use super::written::Written;
 use hyst_engine::Settings;
 use hyst_exchange::{ReadPage, Station, StationPage, system};
 use hyst_messages::page::{device, hardware, recorder, rendering, tissue};
 use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
+use hyst_recording::Tail;
+use std::path::Path;
 
 /// Between two looks, ns; and after one that speaks against the newcomer: what a stall makes of three of them at once is no verdict.
 const LOOK_NS: u64 = 250_000_000;
@@ -76,14 +79,17 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
     let text = std::fs::read_to_string(station.settings()).map_err(|error| error.to_string())?;
     let settings: Settings = toml::from_str(&text).map_err(|error| error.to_string())?;
     let own = station.read_slot(Slot::first(role), guest).map_err(|error| error.to_string())?;
-    let (mut recording, mut pictures) = (Recording::default(), Pictures { draws, ..Pictures::default() });
+    let file = settings.record.as_deref().filter(|_| role == Role::Recorder);
+    let (mut recording, mut pictures) = (Recording::of(file), Pictures { draws, ..Pictures::default() });
     let mut inspection = Inspection::of(role, system::now_ns());
     let mut stream = if role == Role::Rendering { Some(Stream::of(station, guest)?) } else { None };
     while !clock.stop_requested() {
         let look = if role == Role::Recorder {
             let status = own.cell(recorder::STATUS).map(|(_, status)| status);
             let size = settings.record.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
-            recording.look(status, size, newest_tick(station, &clock), clock.present_tick())
+            let devices: Vec<ReadPage> = pages(station, &clock, Role::Device).collect();
+            recording.read(&devices); // after its page: what that says is on disk by now
+            recording.look(status, size, newest_tick(&devices), clock.present_tick())
         } else {
             let picture = stream.as_mut().and_then(Stream::newest);
             let shown = pictures.gallery.look(picture.as_ref().map(|held| held.bytes()), place_m(station, &clock));
@@ -103,9 +109,8 @@ fn pages(station: &Station, clock: &StationPage, role: Role) -> impl Iterator<It
 }
 
 /// The newest tick that a device has for a recorder; 0 if there is none.
-fn newest_tick(station: &Station, clock: &StationPage) -> u64 {
-    let ends = pages(station, clock, Role::Device).map(|page| page.ring_end(device::APPLIED).saturating_sub(1));
-    ends.max().unwrap_or(0)
+fn newest_tick(devices: &[ReadPage]) -> u64 {
+    devices.iter().map(|page| page.ring_end(device::APPLIED).saturating_sub(1)).max().unwrap_or(0)
 }
 
 /// Tick of the newest state that there is to be drawn; 0 if there is none.
@@ -121,30 +126,57 @@ fn place_m(station: &Station, clock: &StationPage) -> [f32; 3] {
 }
 
 /// What a recorder has brought forth so far.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Recording {
-    last_tick: u64,
+    /// The end of its file, if the station records.
+    tail: Option<Tail>,
+    written: Written,
+    /// The newest tick that is known to be in its file: at first the one that its page says, since nobody reads what was there before.
+    last_tick: Option<u64>,
 }
 
 impl Recording {
+    fn of(file: Option<&Path>) -> Recording {
+        Recording { tail: file.map(Tail::of), ..Recording::default() }
+    }
+
+    /// Reads what has come to its file. Of one that cannot be read nothing has come.
+    fn read(&mut self, devices: &[ReadPage]) {
+        let records = self.tail.as_mut().and_then(|tail| tail.look().ok()).unwrap_or_default();
+        let made = |tick: u64| devices.iter().find_map(|page| page.ring(device::APPLIED, tick));
+        self.written.take(&records, newest_tick(devices), made);
+    }
+
     /// `size`: bytes of the file, if the station records; `newest`: the tick that the device has made last.
     fn look(&mut self, status: Option<RecorderStatus>, size: Option<u64>, newest: u64, present: u64) -> Look {
         let Some(status) = status else { return Look::Still("its page says nothing of a recording".into()) };
-        let RecorderStatus { last_tick, bytes, .. } = status;
-        match size {
-            None if status == RecorderStatus::default() => Look::New(0.0, "it records nothing, as it should".into()),
-            None => Look::Wrong(format!("it says that it records, up to tick {last_tick}, where nothing is to be recorded")),
-            Some(_) if last_tick > present + MOST_AHEAD_TICKS => {
-                Look::Wrong(format!("it says that tick {last_tick} is on disk, and tick {present} is the present"))
+        let RecorderStatus { last_tick: said, bytes, .. } = status;
+        let Some(size) = size else {
+            return match status == RecorderStatus::default() {
+                true => Look::New(0.0, "it records nothing, as it should".into()),
+                false => Look::Wrong(format!("it says that it records, up to tick {said}, where nothing is to be recorded")),
+            };
+        };
+        if let Some(flaw) = self.written.flaw() {
+            return Look::New(f64::INFINITY, flaw);
+        }
+        let before = *self.last_tick.get_or_insert(said.min(newest));
+        let in_file = self.written.last_tick().unwrap_or(0).max(before);
+        match () {
+            () if said > present + MOST_AHEAD_TICKS => {
+                Look::Wrong(format!("it says that tick {said} is on disk, and tick {present} is the present"))
             }
-            Some(size) if size < bytes => Look::Wrong(format!("its file has {size} bytes, and it says {bytes}")),
-            Some(_) if last_tick > self.last_tick => {
-                self.last_tick = last_tick;
-                let behind = newest.saturating_sub(last_tick);
+            () if size < bytes => Look::Wrong(format!("its file has {size} bytes, and it says {bytes}")),
+            () if in_file > before => {
+                self.last_tick = Some(in_file);
+                let behind = newest.saturating_sub(in_file);
                 Look::New(behind as f64 / MOST_BEHIND_TICKS as f64, format!("{behind} ticks are not in its recording"))
             }
-            Some(_) if newest <= self.last_tick => Look::Idle, // the device makes none
-            Some(_) => Look::Still(format!("its recording stays at tick {last_tick}")),
+            () if said > in_file => {
+                Look::Wrong(format!("it says that tick {said} is on disk, and its file can be read up to tick {in_file}"))
+            }
+            () if newest <= in_file => Look::Idle, // the device makes none
+            () => Look::Still(format!("its recording stays at tick {in_file}")),
         }
     }
 }
@@ -189,6 +221,11 @@ impl Pictures {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::AppliedRecord;
+    use hyst_recording::{Block, Session, Writer};
+    use std::fs::OpenOptions;
+    use std::io::Write;
+    use std::ops::RangeInclusive;
 
     const MS: u64 = 1_000_000;
 
@@ -203,19 +240,66 @@ mod tests {
         matches!(look, Look::Still(_))
     }
 
+    fn made(tick: u64) -> AppliedRecord {
+        AppliedRecord { tick, ..AppliedRecord::default() }
+    }
+
     #[test]
-    fn a_recorder_is_good_while_its_newest_tick_goes_on_and_its_file_with_it() {
+    fn a_recorder_is_good_while_the_ticks_in_its_file_go_on_as_its_page_says() {
         let mut recording = Recording::default();
         let status = |last_tick: u64, bytes: u64| Some(RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes });
+        let append = |recording: &mut Recording, ticks: RangeInclusive<u64>| {
+            recording.written.take(&ticks.map(made).collect::<Vec<_>>(), u64::MAX, |tick| Some(made(tick)));
+        };
         assert_eq!(nothing(recording.look(None, Some(9), 100, 100)), "its page says nothing of a recording");
+        assert_eq!(nothing(recording.look(status(4_900, 60), Some(60), 4_950, 4_951)), "its recording stays at tick 4900");
+        append(&mut recording, 4_901..=5_000);
         let new = recording.look(status(5_000, 70), Some(70), 5_200, 5_201);
         assert!(matches!(&new, Look::New(ratio, _) if *ratio < 0.05), "{new:?}");
         assert_eq!(nothing(recording.look(status(5_000, 70), Some(70), 5_400, 5_401)), "its recording stays at tick 5000");
         assert_eq!(recording.look(status(5_000, 70), Some(70), 5_000, 9_000), Look::Idle, "the device makes no ticks");
         assert!(nothing(recording.look(status(5_400, 90), Some(70), 5_500, 5_501)).contains("70 bytes, and it says 90"));
         assert!(nothing(recording.look(status(u64::MAX, 70), Some(70), 5_500, 5_501)).contains("is the present"));
+        append(&mut recording, 5_001..=5_600);
         let late = recording.look(status(5_600, 90), Some(90), 15_600, 15_601);
         assert!(matches!(&late, Look::New(ratio, text) if *ratio > 2.0 && text.starts_with("10000 ticks")), "{late:?}");
+    }
+
+    /// It was believed: one that wrote nothing, or rubbish, passed.
+    #[test]
+    fn a_recorder_is_judged_by_its_file_and_not_by_what_its_page_says() {
+        let station = Station::named(&format!("t{}-liar", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = Slot::first(Role::Device);
+        let page = station.create_slot(slot, 1).unwrap();
+        (1..=300).for_each(|tick| page.push(device::APPLIED, tick, &made(tick)));
+        let devices = [station.read_slot(slot, 1).unwrap()];
+        let file = station.root().join("session.mcap");
+        let mut writer = Writer::open(&file, &Session::from([("session".into(), "s".into())])).unwrap();
+        let mut append = |ticks: Vec<u64>| {
+            let applied = ticks.into_iter().map(made).collect();
+            writer.append(&Block { applied, ..Block::default() }).unwrap();
+        };
+        let mut recording = Recording::of(Some(&file));
+        let mut look_at_one_that_says = |last_tick: u64| {
+            recording.read(&devices);
+            let bytes = std::fs::metadata(&file).unwrap().len();
+            let status = RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes };
+            recording.look(Some(status), Some(bytes), newest_tick(&devices), 300)
+        };
+        assert!(is_still(look_at_one_that_says(100)), "nobody has read what was there before");
+        append((101..=200).collect());
+        assert!(matches!(look_at_one_that_says(200), Look::New(ratio, _) if ratio < 1.0));
+        let lies = "it says that tick 300 is on disk, and its file can be read up to tick 200";
+        assert_eq!(nothing(look_at_one_that_says(300)), lies, "it wrote nothing");
+        let mut rubbish = OpenOptions::new().append(true).open(&file).unwrap();
+        rubbish.write_all(&[0xa5; 4_096]).unwrap();
+        assert_eq!(nothing(look_at_one_that_says(300)), lies);
+        append((201..=300).filter(|tick| *tick != 250).collect());
+        let holes = Look::New(f64::INFINITY, "its file leaves out 1 of the device's ticks".into());
+        assert_eq!([look_at_one_that_says(300), look_at_one_that_says(300)], [holes.clone(), holes]);
+        station.wipe();
     }
 
     #[test]
@@ -280,7 +364,7 @@ mod tests {
     #[test]
     fn one_that_stands_still_is_told_from_one_that_shows_what_is_wrong() {
         let status = |last_tick: u64, bytes: u64| Some(RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes });
-        let mut recording = Recording { last_tick: 5_000 };
+        let mut recording = Recording { last_tick: Some(5_000), ..Recording::default() };
         let mut of_recording = |status, size| is_still(recording.look(status, Some(size), 5_400, 5_401));
         assert_eq!([of_recording(None, 70), of_recording(status(5_000, 70), 70)], [true; 2]);
         assert_eq!([of_recording(status(5_400, 90), 70), of_recording(status(u64::MAX, 70), 70)], [false; 2], "it says too much");

@@ -7,6 +7,7 @@ pub mod judge;
 mod pictures;
 mod stated;
 mod visit;
+mod written;
 
 pub use feel::feel;
 pub use inspect::inspect;

@@ -34,7 +34,7 @@ pub fn stated(role: Role) -> Vec<String> {
             seconds(STILL_NS)
         ),
         Role::Recorder => format!(
-            "the file grows at least every {} s, and at most {MOST_BEHIND_TICKS} ticks are not in it",
+            "each tick as it was made; the file grows at least every {} s, and at most {MOST_BEHIND_TICKS} ticks are not in it",
             seconds(STILL_RECORDER_NS)
         ),
         Role::Console => format!("the figures of its page at most {} s old", MOST_AGE_TICKS * 1e-3),

@@ -14,7 +14,7 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 42] = [
+const BAD: [(&str, &str, &[&str], &str); 43] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -46,6 +46,7 @@ const BAD: [(&str, &str, &[&str], &str); 42] = [
     ("recorder", "exit", DIES, ""),
     ("recorder", "stop", STANDS_IN_PLACE, ""),
     ("recorder", "mute", &["out-of-tolerance"], "its page"),
+    ("recorder", "liar", &["out-of-tolerance"], "its file"),
     ("rendering", "mute", &["out-of-tolerance"], "its page"),
     ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
     ("rendering", "still", &["out-of-tolerance"], "stand still"),

@@ -211,6 +211,28 @@ fn what_is_coagulated_is_in_the_state_and_whoever_goes_on_from_it_has_it() {
     });
 }
 
+/// One that stood still under a stamp that went on was said to have a number that is none.
+#[test]
+fn a_state_that_is_refused_is_refused_for_what_is_wrong_with_it() {
+    in_a_station("refused", |mut engine| {
+        let mut state = vec![0u64; engine.message_bytes() / 8];
+        let header = StreamHeader { tick: 500, step_ticks: 33, ..StreamHeader::default() };
+        let cases = [
+            (500, 9_000.0, None),
+            (467, 9_000.0, Some(Refusal::OtherTick)),
+            (500, f32::NAN, Some(Refusal::Numbers)),
+            (467, f32::INFINITY, Some(Refusal::Numbers)),
+        ];
+        for (state_tick, pressure_pa, why) in cases {
+            let status = FluidStatus { state_tick, pressure_pa, ..FluidStatus::default() };
+            engine.write(header, status, bytemuck::cast_slice_mut(&mut state)).unwrap();
+            let bytes: &[u8] = bytemuck::cast_slice(&state);
+            let found = (!engine.accepts(bytes)).then(|| engine.why_refused(bytes));
+            assert_eq!(found, why, "state {state_tick} with {pressure_pa} Pa under the stamp of 500");
+        }
+    });
+}
+
 #[test]
 fn dry_steps_that_find_the_pace_leave_the_flow_as_the_scene_has_it() {
     in_a_station("dry", |mut engine| {

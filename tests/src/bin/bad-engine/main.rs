@@ -3,6 +3,7 @@
 //! defect, which shows in the place that the kind names.
 
 mod holes;
+mod liar;
 mod pictures;
 mod stateful;
 
@@ -151,6 +152,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         // Whatever epoch a contact model is of, it goes by the tick.
         (Role::Device, "unfenced") => device::run_ordering(life, |_, tick| (0, tick)),
         (Role::Recorder, "holes") => holes::record(life),
+        (Role::Recorder, "liar") => liar::record(life),
         // It is consistent: the servos are told of the half that the motors are told of.
         (Role::Device, "half") => device::run_giving(life, |force_n| force_n.map(|newton| 0.5 * newton)),
         (Role::Device, "slow") => device::run_giving(life, toil),
