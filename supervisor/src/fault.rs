@@ -3,8 +3,9 @@
 //! The window of a fault runs from its injection to the recovery (a successor is warm or live) and 20 ms beyond, at least 200 ms. The
 //! promise is judged as in the design: no more misses than in the control ([`compare`]), nothing wrong or stale applied, no force step larger than a fault-free
 //! tick in the same state, contact or none, makes + 0.05 N, and somebody back in the place of whoever is gone. For the device itself: at most 20 misses, and no
-//! step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N. A tick or two that one fault lost more than its control may be noise of the
-//! machine: what one fault alone breaks beyond doubt, [`Fault::gap`] and the report of a run say (`report::promises`).
+//! step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N; for one that was asked for with what it may cost, as many misses. A tick or
+//! two that one fault lost more than its control may be noise of the machine: what one fault alone breaks beyond doubt, [`Fault::gap`] and the report of a run
+//! say (`report::promises`).
 
 pub mod compare;
 
@@ -89,6 +90,9 @@ pub struct Fault {
     pub recovered_us: Option<f64>,
     /// See the module's text; `None` if it could not be judged, as where the run ended before it was over.
     pub promise_held: Option<bool>,
+    /// Ticks that it may cost the hand beyond its control by what was said when it was asked for; without that by what it is ([`Fault::allowed_misses`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub may_cost_ticks: Option<u64>,
     /// It was not over within the time that it had for that.
     #[serde(default)]
     pub overdue: bool,
@@ -181,6 +185,7 @@ impl Fault {
     pub fn allowed_misses(&self) -> Option<u64> {
         match () {
             () if self.is_of_both_servos() => None,
+            () if self.may_cost_ticks.is_some() => self.may_cost_ticks,
             () if self.target == Role::Device.name() => Some(DEVICE_TICKS),
             () => Some(0),
         }
@@ -233,9 +238,10 @@ impl Fault {
         self.dead && [LATCH, PIDFD].contains(&self.detected_by.as_str())
     }
 
-    /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.
+    /// Whether the hand may feel it, so that it has an account of its own: that of the device, of both servos at once, and one that was asked for as such.
     pub fn may_be_felt(&self) -> bool {
-        self.target == Role::Device.name() || self.is_of_both_servos()
+        let may_cost_some = self.may_cost_ticks.is_some_and(|ticks| ticks > 0);
+        may_cost_some || self.target == Role::Device.name() || self.is_of_both_servos()
     }
 }
 
@@ -317,7 +323,7 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
         let jerk = (0..2usize).filter_map(|at| Some((at, over_n(at)?))).max_by(|one, other| one.1.total_cmp(&other.1));
         let jerk = jerk.map(|(at, _)| at);
         fault.step = jerk.and_then(|at| seen.steps.into_iter().nth(at)).unwrap_or_default();
-        let most = fault.allowed_misses().map_or(i64::MAX, |misses| misses as i64);
+        let most = fault.allowed_misses().and_then(|misses| i64::try_from(misses).ok()).unwrap_or(i64::MAX);
         let (compares, is_spared) = (tells(&window) && tells(&control), excess(&window, &control) <= most);
         fault.late = if is_spared || !compares { Vec::new() } else { seen.late };
         let has_harm = jerk.is_some() || window.wrong > 0;

@@ -39,6 +39,9 @@ pub struct Injection {
     /// Place in that tick, µs, 0 to 999.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub phase_us: u32,
+    /// Ticks that it may cost the hand beyond its control, where it is to cost some, as the death of a servo that is alone. Default: 20 of the device, else none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub allowed_misses: Option<u64>,
     /// Seconds until a stopped process is continued, or until it ends what it was asked to do.
     #[serde(default, rename = "for", skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
@@ -119,6 +122,7 @@ impl Injection {
             target: target.into(),
             tick: 0,
             phase_us: 0,
+            allowed_misses: None,
             for_s: None,
             factor: None,
             extra_s: None,

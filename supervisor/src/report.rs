@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
 /// The key under which stands what was broken.
-const BROKEN: &str = "promises_broken";
+pub(crate) const BROKEN: &str = "promises_broken";
 /// Broken promises that are said one by one.
 const MOST_SAID: usize = 8;
 
@@ -349,6 +349,23 @@ mod tests {
             seen.push(told());
         }
         assert_eq!(seen, [(40, 40.0), (60, 60.0), (40, 40.0)]);
+    }
+
+    /// Of most of what a run says of itself it was written nowhere what it is.
+    #[test]
+    fn the_handbook_has_each_key_of_a_runs_report() {
+        let handbook = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/handbook.md")).unwrap();
+        let (_, section) = handbook.split_once("#### The keys of a run's report").unwrap();
+        let (section, _) = section.split_once("\n### ").unwrap();
+        let (station, faults) = book("report-keys");
+        let mut viewer = Viewer::open(&station).unwrap();
+        hand_over(&station, &build(&mut viewer, &Accounts::default(), &faults, &State::new(&[])));
+        let report = take(&station);
+        for part in [&report, &report["device"], &process(&Account::default())] {
+            let keys = part.as_object().unwrap().keys();
+            let unsaid: Vec<&String> = keys.filter(|key| !section.contains(&format!("`{key}`"))).collect();
+            assert!(unsaid.is_empty(), "the handbook does not say what is {unsaid:?}");
+        }
     }
 
     /// "excess misses per fault 0.000 (95 %: below 0.000)" was said of two faults.

@@ -81,10 +81,20 @@ fn the_examples_of_engines_are_as_short_as_the_documents_say() {
     }
 }
 
-/// The example without a state needs nothing of the station but what every engine is made of.
+/// The example without a state needs nothing of the station but what every engine is made of, and its short manifest names that, each where it lies.
 #[test]
 fn the_example_of_a_rendering_links_no_engine_and_no_solver() {
     let text = text_of(&root().join("tests/src/bin/example-picture.rs"));
     let used = text.lines().filter_map(|line| line.strip_prefix("use ")?.split("::").next()).collect::<BTreeSet<_>>();
     assert_eq!(used, BTreeSet::from(["hyst_engine", "hyst_exchange", "hyst_messages"]));
+    let page = text_of(&root().join("docs/engine.md"));
+    let manifest: toml::Table = block(&page, "\n```toml\n# my-picture/Cargo.toml\n").parse().expect("a manifest");
+    let dependencies = manifest["dependencies"].as_table().expect("dependencies");
+    let named: BTreeSet<String> = dependencies.keys().map(|name| name.replace('-', "_")).collect();
+    assert!(named.iter().map(String::as_str).eq(used), "{named:?}");
+    for (name, place) in dependencies {
+        let path = place["path"].as_str().and_then(|path| path.strip_prefix("../station/")).expect("a path beside the station's");
+        let crate_of_it: toml::Table = text_of(&root().join(path).join("Cargo.toml")).parse().expect("a manifest");
+        assert_eq!(crate_of_it["package"]["name"].as_str(), Some(name.as_str()), "{path}");
+    }
 }

@@ -122,7 +122,7 @@ fn any() -> Vec<String> {
 }
 
 /// Keys of a fault that a cell's own stand for.
-const OF_THE_CELL: [&str; 4] = ["kind", "target", "tick", "phase_us"];
+const OF_THE_CELL: [&str; 5] = ["kind", "target", "tick", "phase_us", "allowed_misses"];
 
 /// What a fault may say beyond them.
 fn options(generator: &mut SchemaGenerator) -> Schema {
@@ -274,12 +274,13 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
     let mut table = options.clone();
     for key in OF_THE_CELL {
         if table.insert(key.into(), toml::Value::Integer(0)).is_some() {
-            return Err(format!("key {key:?}: a cell has kinds and targets, and its ticks are drawn"));
+            return Err(format!("key {key:?}: a cell says once whom it hurts and what that may cost, and its ticks are drawn"));
         }
     }
     table.insert("kind".into(), kind.into());
     table.insert("target".into(), target.into());
-    let injection: Injection = table.try_into().map_err(|e: toml::de::Error| e.message().to_string())?;
+    let read: Injection = table.try_into().map_err(|e: toml::de::Error| e.message().to_string())?;
+    let injection = Injection { allowed_misses: None, ..read }; // the cell's, which its station is told with each fault
     injection.check()?;
     Ok(injection)
 }

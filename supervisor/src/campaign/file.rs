@@ -385,3 +385,7 @@ mod tests;
 #[cfg(test)]
 #[path = "recovery_tests.rs"]
 mod recovery_tests;
+
+#[cfg(test)]
+#[path = "states_tests.rs"]
+mod states_tests;

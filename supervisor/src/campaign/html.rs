@@ -238,8 +238,10 @@ fn stations_table(stations: &[StationOutcome]) -> String {
          <th>left over</th><th>given up</th><th>recorded ticks</th><th>exit code</th><th>remarks</th></tr>\n",
     );
     for station in stations {
-        let remarks: Vec<String> =
-            station.damage.iter().cloned().chain((!station.trouble.is_empty()).then(|| station.trouble.clone())).collect();
+        let trouble = (!station.trouble.is_empty()).then(|| station.trouble.clone());
+        let broken = &station.promises_broken;
+        let said = broken.first().map(|first| format!("{} broken by the rules of a single run: {first}", broken.len()));
+        let remarks: Vec<String> = station.damage.iter().cloned().chain(trouble).chain(said).collect();
         let _ = writeln!(
             text,
             "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",

@@ -15,6 +15,8 @@ fn a_fault_in_a_recovery_has_another_beside_it() {
     assert_eq!(keeper("supervisor").unwrap().cells[1].with.as_ref().map(|with| with.target.as_str()), Some("tissue:active"));
     assert!(keeper("supervisor+guardian").unwrap_err().contains("take supervisor or guardian"));
     assert!(parse("t", &format!("{text}with = \"kill guardian\"\n")).unwrap_err().contains("take an engine's"));
+    let own_misses = parse("t", &format!("{text}with = \"kill device allowed_misses=5\"\n")).unwrap_err();
+    assert!(own_misses.contains("a cell says once whom it hurts and what that may cost"), "{own_misses}");
 }
 
 #[test]

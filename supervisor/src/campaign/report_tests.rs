@@ -129,6 +129,15 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     assert!(!page.contains("95 % interval"));
 }
 
+/// Stations ended with 1 in a campaign that held, and nothing said why.
+#[test]
+fn the_page_says_what_a_station_that_ended_with_1_calls_broken() {
+    let promises_broken = vec!["fault kill of haptic:1 at tick 9000: the hand lost 53 ticks".to_string()];
+    let station = StationOutcome { exit_code: Some(1), promises_broken, ..StationOutcome::default() };
+    let page = html::html(&judgement(), &[], &[station]);
+    assert_has(&page, &["1 broken by the rules of a single run: fault kill of haptic:1 at tick 9000"]);
+}
+
 #[test]
 fn every_report_names_build_machine_and_days() {
     let judgement = judgement();

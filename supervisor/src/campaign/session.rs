@@ -236,13 +236,14 @@ impl Session {
     /// Injects the fault, and the one in whose recovery or hand-over it is to come, and waits until they are closed.
     fn hurt_at(&mut self, outcome: &mut Outcome, entry: &Entry, cell: &Cell, tick: u64) -> Result<(), Trouble> {
         let sent_ns = system::now_ns();
-        // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
-        let seeded = |injection: &Injection| {
+        // Each of a cell's faults hits other bytes, and the same ones when it is repeated. What the second may cost lies in the first one's window as well.
+        let in_full = |injection: &Injection| {
             let seed = injection.place.map(|_| injection.seed.unwrap_or(entry.index as u64));
-            Injection { seed, ..injection.clone() }
+            let allowed_misses = Some(cell.allowed_misses).filter(|ticks| *ticks > 0);
+            Injection { seed, allowed_misses, ..injection.clone() }
         };
-        let first = cell.with.as_ref().map(|with| self.inject(&seeded(with), tick, entry.phase_us));
-        let injection = seeded(&cell.injection);
+        let first = cell.with.as_ref().map(|with| self.inject(&in_full(with), tick, entry.phase_us));
+        let injection = in_full(&cell.injection);
         let first_by_ns = first.as_ref().and_then(|done| Some(done.as_ref().ok()?.by_ns));
         let done = match first.transpose() {
             Err(omitted) => Err(omitted),
@@ -356,7 +357,7 @@ mod tests {
     /// Nobody waited for its end: the next fault came while it went on in the one whom it had come to, and read its line.
     #[test]
     fn a_first_fault_that_came_to_one_alone_of_two_is_waited_for_and_the_second_is_not_done() {
-        let beside = "states = [\"handover\"]\nwith = \"leak-memory haptic:both rate=64.0\"\n";
+        let beside = "states = [\"handover\"]\nwith = \"leak-memory haptic:both rate=64.0\"\nallowed_misses = 300\n";
         let text = format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\ncount = 1\n{beside}");
         let campaign = file::parse("t", &text).unwrap();
         let entry = draw::plan(&campaign, 1).faults.remove(0);
@@ -379,7 +380,8 @@ mod tests {
         let mut outcome = Outcome::of(&entry);
         session.hurt_at(&mut outcome, &entry, &campaign.cells[0], 0).unwrap();
         let (asked, inbox) = supervisor.join().unwrap().unwrap();
-        assert!(matches!(asked, Request::Fault(injection) if injection.target == "haptic:both"));
+        let Request::Fault(ref first) = asked else { panic!("{asked:?}") };
+        assert_eq!((first.target.as_str(), first.allowed_misses), ("haptic:both", Some(300)), "it is told what that may cost");
         assert!(inbox.try_recv().is_err(), "the second was asked for");
         let reason = "haptic:0 was hit alone".to_string();
         assert_eq!((outcome.ending, outcome.reason, outcome.fault), (Ending::Refused, reason, None));

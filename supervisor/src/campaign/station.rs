@@ -4,6 +4,7 @@ use super::deficit::Deficit;
 use super::last::LastForces;
 use super::origin::Origin;
 use crate::fault::{EXTERNAL, Fault};
+use crate::report::BROKEN;
 use hyst_recording::sequence::RING_TICKS;
 use hyst_recording::{Continuity, Ending, Reader};
 use serde::{Deserialize, Serialize};
@@ -27,8 +28,12 @@ pub struct StationOutcome {
     pub arm: String,
     /// Faults that it suffered, by their numbers.
     pub faults: Vec<usize>,
-    /// Exit code of `hystation run`; none if it had to be killed.
+    /// Exit code of `hystation run`; none if it had to be killed. A 1 is no verdict here: it is what a run says of its own faults, which the campaign judges by
+    /// their cells.
     pub exit_code: Option<i32>,
+    /// Promises that its report says were broken, in its words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub promises_broken: Vec<String>,
     /// Why it ended before its faults were through.
     pub trouble: String,
     /// It was never whole: of what it left nothing is asked but that it is nothing.
@@ -96,8 +101,11 @@ impl StationOutcome {
         self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
         let faults = report["faults"].as_array().into_iter().flatten().filter(|fault| fault["kind"] == EXTERNAL);
         self.external = faults.filter_map(|fault| Fault::deserialize(fault).ok()).collect();
-        let names = report["given_up"].as_array().into_iter().flatten();
-        self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
+        let words = |key: &str| {
+            let all = report[key].as_array().into_iter().flatten();
+            all.filter_map(|word| word.as_str().map(str::to_string)).collect::<Vec<String>>()
+        };
+        (self.given_up, self.promises_broken) = (words("given_up"), words(BROKEN));
         let left = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
         self.leftovers = self.leftovers.max(left);
     }
@@ -178,7 +186,7 @@ impl StationOutcome {
         let is_excused = may_end || self.never_whole;
         note(self.did_not_go_on() && !may_end, format!("after {} faults: {}", self.faults.len(), self.end_in_words()));
         let code = self.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
-        // Ticks that its recording says are lost are judged with the faults that they were lost to.
+        // Promises that the run says are broken are judged by the cells; ticks that its recording says are lost, with the faults that they were lost to.
         let is_judged = self.exit_code == Some(3) && self.given_up.is_empty() && !self.lost.is_empty();
         note(!matches!(self.exit_code, Some(0 | 1)) && !is_excused && !is_judged, format!("its exit code is {code}"));
         note(
@@ -216,11 +224,16 @@ mod tests {
         let fault = |kind: &str, injected_ns: u64| Fault { kind: kind.into(), injected_ns, ..Fault::default() };
         let faults = [fault("external", 5), fault("kill", 6), fault("external", 9)];
         let path = std::env::temp_dir().join(format!("hystation-report-{}.json", std::process::id()));
-        std::fs::write(&path, serde_json::json!({ "device": { "ticks": 4 }, "faults": faults }).to_string()).unwrap();
+        let broken = ["fault kill of haptic:1 at tick 9000: the hand lost 53 ticks, 0 at most without a fault"];
+        let report = serde_json::json!({ "device": { "ticks": 4 }, "faults": faults, "promises_broken": broken });
+        std::fs::write(&path, report.to_string()).unwrap();
         let mut station = StationOutcome::default();
         station.read_report(&path);
         std::fs::remove_file(&path).unwrap();
         assert_eq!((station.reported, &station.external), (true, &vec![faults[0].clone(), faults[2].clone()]));
+        assert_eq!(station.promises_broken, broken);
+        let line = serde_json::to_string(&station).unwrap();
+        assert!(line.contains(broken[0]), "whoever reads that it ended with 1 reads why: {line}");
         station.forget_since(9);
         assert_eq!(station.external, [faults[0].clone()]);
     }

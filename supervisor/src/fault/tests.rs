@@ -4,12 +4,17 @@ use super::*;
 use hyst_messages::LedgerEntry;
 
 #[test]
-fn only_the_device_and_both_servos_at_once_may_be_felt() {
+fn only_the_device_both_servos_at_once_and_what_may_cost_ticks_by_what_was_said_may_be_felt() {
     let felt = |target: &str, together| Fault { target: target.into(), together, ..Fault::default() }.may_be_felt();
     assert!(felt("device", false) && felt("haptic:1", true));
     let steps_n = ["device", "haptic:0"].map(|target| Fault { target: target.into(), ..Fault::default() }.most_step_n(0.1));
     assert!((steps_n[0] - 0.25).abs() < 1e-12 && (steps_n[1] - 0.15).abs() < 1e-12, "{steps_n:?}");
     assert!(!felt("haptic:1", false) && !felt("tissue:0", true) && !felt("guardian", false));
+    let told = [None, Some(0), Some(300)].map(|may_cost_ticks| {
+        let of = |target: &str| Fault { target: target.into(), may_cost_ticks, ..Fault::default() };
+        (of("haptic:1").may_be_felt(), of("haptic:1").allowed_misses(), of("device").allowed_misses())
+    });
+    assert_eq!(told, [(false, Some(0), Some(20)), (false, Some(0), Some(0)), (true, Some(300), Some(300))]);
 }
 
 /// What is wrong of a servo's forces of these ticks and stamps, given from tick 1 201 on, if it is hit at 1 200.

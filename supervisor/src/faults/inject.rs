@@ -144,6 +144,7 @@ impl Faults {
         let fault = self.start(kind.name(), slot, incarnation, now_ns);
         fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
         (fault.output, fault.thread) = (injection.output, injection.thread);
+        fault.may_cost_ticks = injection.allowed_misses;
         fault.lowered = deed.lowered;
         fault.ballast = deed.ballast.zip(deed.until_ns);
         (fault.manifested, fault.flips) = (deed.manifested, deed.flips);

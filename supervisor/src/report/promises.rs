@@ -1,9 +1,10 @@
 //! Which promises a run's report shows to be broken beyond doubt, in words: then it ends with exit code 1.
 //!
 //! A single fault breaks its promise by what a campaign would call broken for it alone: a force that must not be applied, nobody who is back in time, a step
-//! of the force, a gap ([`Fault::gap`]). Of the device, which may cost so many ticks, one more is too many. Of any other a tick or two may be the machine's own
-//! noise, and they tell something only together with those of the other faults ([`Arms::broken`]). A run has few controls: so all of them together say what
-//! the machine does by itself, whatever state they lie in, and what may be another fault's doing is no broken promise.
+//! of the force, a gap ([`Fault::gap`]). Of the device, which may cost so many ticks, or one that was asked for as such, one more is too many. Of any other a
+//! tick or two may be the machine's own noise, and they tell something only together with those of the other faults ([`Arms::broken`]). A run has few
+//! controls: so all of them together say what the machine does by itself, whatever state they lie in, and what may be another fault's doing is no broken
+//! promise.
 
 use super::arms::Arms;
 use crate::fault::compare::{excess, most_missed, tells};
@@ -92,7 +93,8 @@ fn meet(one: &Fault, other: &Fault) -> bool {
     from < other_to && other_from < to
 }
 
-/// Whether it may have been another fault, that of a device or of both servos, for which the hand had nobody. Who kills two by hand makes a fault of each.
+/// Whether it may have been another fault, that of a device or of both servos, or one that may cost as much, for which the hand had nobody. Who kills two by
+/// hand makes a fault of each.
 fn is_beside_one_that_is_felt(fault: &Fault, faults: &[Fault]) -> bool {
     let here = || faults.iter().filter(|other| meet(fault, other));
     let is_servo = |target: &&str| Role::name_in(target) == Role::Haptic.name();
@@ -142,6 +144,15 @@ mod tests {
         assert_eq!(broken_of(&[late]), 1, "right after it, too");
         let said = "fault kill of tissue:1 at tick 9000: the hand lost 30 ticks, 0 at most without a fault";
         assert_eq!(said_of(&[fault("tissue:1", 30)]), [said]);
+    }
+
+    /// Stations of a campaign of hand-overs ended with 1 for the deaths of servos that were alone, although its cells allowed what these cost.
+    #[test]
+    fn what_a_fault_may_cost_by_what_was_said_with_it_breaks_no_promise_and_one_tick_more_does() {
+        let of = |missed: u64| Fault { may_cost_ticks: Some(300), ..fault("haptic:0", missed) };
+        assert_eq!([30, 300, 301].map(|missed| broken_of(&[of(missed)])), [0, 0, 1]);
+        assert_eq!(broken_of(&[30, 31, 32, 33, 34].map(of)), 0, "nor do many");
+        assert_eq!(broken_of(&[of(30), fault("tissue:0", 30)]), 0, "nor does one that is beside it");
     }
 
     #[test]

@@ -88,14 +88,15 @@ mod tests {
         let before = limits(&child);
         let of = |slot: Slot, pid: u32| Victim { slot, incarnation: 1, pid, done: 0 };
         let victims = [of(first, child.id()), of(second, 0)]; // nobody has the process id 0
-        let no_files = Injection { for_s: Some(9.0), ..Injection::now(FaultKind::NoFiles, "tissue:both") };
+        let (for_s, allowed_misses) = (Some(9.0), Some(40));
+        let no_files = Injection { for_s, allowed_misses, ..Injection::now(FaultKind::NoFiles, "tissue:both") };
         let refused = faults.do_to_all(&victims, &no_files, system::now_ns(), true).unwrap_err();
         assert_eq!((refused.is_half, limits(&child), faults.all().count()), (false, before.clone(), 0), "{refused:?}");
         // Twice at once it would be put back to what the first had made of it.
         let alone = |faults: &mut Faults| faults.do_to_all(&victims[..1], &no_files, system::now_ns(), false);
         assert!(alone(&mut faults).is_ok() && limits(&child) != before);
         assert!(alone(&mut faults).unwrap_err().reason.contains("no-files of tissue:0 is under way already"));
-        assert_eq!(faults.all().count(), 1);
+        assert_eq!(faults.all().map(|fault| fault.may_cost_ticks).collect::<Vec<_>>(), [Some(40)], "it is judged by that");
         faults.open.faults.clear();
         child.kill().unwrap();
         child.wait().unwrap();
