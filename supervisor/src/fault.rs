@@ -207,7 +207,10 @@ impl Fault {
 
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
     pub fn most_step_n(&self, quiet_n: f64) -> f64 {
-        let by_design_n = if self.target == Role::Device.name() { DEVICE_STEP_N } else { 0.0 };
+        // Without a servo the device fades the force, as the hardware does without a device.
+        let is_left_to_fade =
+            self.target == Role::Device.name() || self.is_of_both_servos() || self.is_of_servo() && self.may_cost_ticks.is_some();
+        let by_design_n = if is_left_to_fade { DEVICE_STEP_N } else { 0.0 };
         quiet_n.max(by_design_n) + STEP_MARGIN_N
     }
 

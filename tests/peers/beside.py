@@ -273,7 +273,7 @@ def ours(what, programs):
         ms = lambda row: row["step_us"]["p50"] * row["share"]["deformation"] * 1e-3
         of = lambda method: {row["tets"]: row for row in rows if row.get("method") == method and row["tets"] in BLOCKS}
         of_station, equal = of("a block"), of("a block, at equal accuracy")
-        off_percent = lambda row: round(100 * max(row["force_apart"], row["displacement_apart"]), 2)
+        off_percent = lambda row: round(100 * max(row["force_apart"], row.get("told_apart", 0.0), row["displacement_apart"]), 2)
         return {
             tets: {"ms": ms(row), "substeps": row["substeps"], "off_percent": off_percent(row),
                    "station's substeps": of_station[tets]["substeps"], "station's ms": round(ms(of_station[tets]), 3)}

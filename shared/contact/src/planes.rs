@@ -24,6 +24,8 @@ pub const MAX_PLANES: usize = 8;
 const FARTHEST_M: f32 = 0.1;
 /// What is felt at the tip with less than this share of its force is not felt.
 const LEAST_FELT: f32 = 0.01;
+/// Walls whose normals have a smaller cosine than this are at right angles.
+const LEAST_PART: f32 = 1e-3;
 /// Contacts may have this share of the bound on stiffness, so that something is left for walls about to be met.
 const SHARE_OF_CONTACTS: f32 = 0.9;
 
@@ -165,9 +167,11 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
     let tip = Vec3::from_array(input.tip_m);
     // A share of less than a micronewton is rounding of the weights.
     bins.iter_mut().filter(|bin| bin.force_n.length() <= 1.0e-6).for_each(|bin| *bin = Bin::default());
-    let walls = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m));
+    // None by itself is stiffer than all may be, so that one takes nothing of those at right angles to it.
+    let most_n_m = SHARE_OF_CONTACTS * params.most_stiffness_n_m;
+    let walls = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m.min(most_n_m)));
     let together_n_m = walls.iter().map(|(normal, _)| along(*normal, &walls)).fold(0.0, f32::max);
-    let softer = (SHARE_OF_CONTACTS * params.most_stiffness_n_m / together_n_m).min(1.0);
+    let softer = (most_n_m / together_n_m).min(1.0);
     for (bin, (normal, stiffness_n_m)) in bins.iter().zip(walls) {
         let depth = bin.force_n.length() / (softer * stiffness_n_m);
         if depth.is_finite() {
@@ -211,19 +215,28 @@ fn approach(input: &PlaneInput<'_>, params: &PlaneParams, lever: Option<Lever>, 
     let ahead = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m));
     let softer = left_beside(set, &ahead, params.most_stiffness_n_m);
     for (gap, b) in order {
-        let (normal, stiffness_n_m) = (ahead[b].0, softer * ahead[b].1);
+        let (normal, stiffness_n_m) = (ahead[b].0, softer[b] * ahead[b].1);
         if normal != Vec3::ZERO && gap.is_finite() && stiffness_n_m > 1.0e-3 {
             set.push(tip, normal, -gap, stiffness_n_m, 0.0);
         }
     }
 }
 
-/// The share of their stiffness that walls ahead may have beside planes that are there, so that all are nowhere stiffer than the bound.
-fn left_beside(set: &PlaneSet, ahead: &[(Vec3, f32); MAX_PLANES], most_n_m: f32) -> f32 {
+/// The share of its stiffness that each wall ahead may have beside planes that are there, so that all are nowhere stiffer than the bound: the least that is left
+/// along any direction that it has a part in.
+fn left_beside(set: &PlaneSet, ahead: &[(Vec3, f32); MAX_PLANES], most_n_m: f32) -> [f32; MAX_PLANES] {
     let there = set.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m));
-    let left = |(normal, _): &(Vec3, f32)| ((most_n_m - along(*normal, &there)) / along(*normal, ahead)).max(0.0);
-    // Along a direction in which nothing is ahead all may stay as it is.
-    there.iter().chain(ahead).map(left).filter(|share| !share.is_nan()).fold(1.0, f32::min)
+    let mut shares = [1.0f32; MAX_PLANES];
+    for (direction, _) in there.iter().chain(ahead).filter(|(direction, _)| *direction != Vec3::ZERO) {
+        let wanted_n_m = along(*direction, ahead);
+        let left_n_m = (most_n_m - along(*direction, &there)).max(0.0);
+        for (share, (normal, _)) in shares.iter_mut().zip(ahead) {
+            if wanted_n_m > left_n_m && normal.dot(*direction).abs() > LEAST_PART {
+                *share = share.min(left_n_m / wanted_n_m);
+            }
+        }
+    }
+    shares
 }
 
 impl PlaneSet {

@@ -19,8 +19,8 @@ const MOST_MOVED_M: f32 = 0.01;
 pub struct EnergyParams {
     /// Most of what the hand put in that is given back unasked, J: a spring of the largest force, 3.3 N, over 30 mm.
     pub credit_j: f32,
-    /// Debt from which on less force is applied, J; at twice as much none is. Fifty times what the default scene's walls owe when they are pressed with
-    /// 0.5 N and their engines die (0.2 mJ, a recorded campaign of 49 s), and more than they would at the largest force.
+    /// Debt from which on less force is applied, J; at twice as much none is. Fifty times what the default scene's walls owed when they were pressed
+    /// with 0.5 N and their engines died (0.2 mJ, a recorded campaign of 49 s).
     pub debt_j: f32,
     /// Time in which a debt falls to 1/e, s: walls that move by themselves, as the medium's pressure has them, give a little all the time.
     pub forgotten_s: f32,

@@ -19,7 +19,7 @@
 //! `energy_step` → `last_hop_step` → `hardware_step` → `hand_dynamics`.
 //!
 //! Sources: Zilles and Salisbury 1995 (god-object), Dahl 1968 (friction), Colgate and Schenkel 1997 (passivity of the sampled wall), Hannaford
-//! and Ryu 2002 (passivity observer and controller), Moreau 1965 (the envelope that makes the proxy unique).
+//! and Ryu 2002 (passivity observer and controller), Moreau 1965 (the envelope that makes the way out unique).
 
 pub mod choice;
 pub mod contact;

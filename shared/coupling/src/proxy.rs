@@ -2,7 +2,7 @@
 //!
 //! The planes push the device at x with `F = Σ r k_i max(0, depth_i) n_i`, the gradient of the energy `½ Σ r k_i max(0, depth_i)²`: what the tissue
 //! says, whichever way its planes lie to each other, several of one normal included. The share r is 1 as long as they together are nowhere stiffer
-//! than [`MAX_STIFFNESS_SHARE`] of the coupling, and else what makes them no stiffer. How stiff they are is bounded by the largest of `Σ k_j |n_i · n_j|`
+//! than [`MAX_STIFFNESS_SHARE`] of the coupling, none by itself being taken for stiffer, and else what makes them no stiffer. How stiff they are is bounded by the largest of `Σ k_j |n_i · n_j|`
 //! along the normal i of one of them, of all planes j, pushing or not: the largest row sum of a matrix with the eigenvalues of `Σ k_i n_i n_iᵀ`, and no more
 //! than these for planes of one normal, or at right angles. So for any set of planes the force is conservative (a closed path yields no energy) and
 //! Lipschitz in x, and it has no steps where planes begin to push. The proxy is where a massless point would rest that is tied to the device by the coupling and
@@ -42,20 +42,22 @@ pub struct Proxy {
 
 /// What the planes do (depths at the device) to a device behind a coupling of `coupling_n_m` > 0.
 pub fn rest(constraints: &[Constraint], coupling_n_m: f64) -> Proxy {
-    let share = felt_share(constraints, MAX_STIFFNESS_SHARE * coupling_n_m);
+    let most_n_m = MAX_STIFFNESS_SHARE * coupling_n_m;
+    let share = felt_share(constraints, most_n_m);
     let mut proxy = Proxy::default();
     for (push, c) in proxy.push_n.iter_mut().zip(constraints) {
         let depth = c.depth_m.max(0.0);
-        *push = share * c.stiffness_n_m * depth;
+        *push = share * c.stiffness_n_m.min(most_n_m) * depth;
         proxy.energy_j += 0.5 * *push * depth;
         proxy.offset_m += c.normal * (*push / coupling_n_m);
     }
     proxy
 }
 
-/// The share of the planes' stiffness with which they are nowhere stiffer than `most_n_m`; 1 where they are not.
+/// The share of the planes' stiffness with which they are together nowhere stiffer than `most_n_m`, none by itself counted as stiffer; 1 where they are not.
 fn felt_share(constraints: &[Constraint], most_n_m: f64) -> f64 {
-    let along = |one: &Constraint| constraints.iter().map(|c| c.stiffness_n_m * one.normal.dot(c.normal).abs()).sum::<f64>();
+    let along_of = |one: &Constraint, c: &Constraint| c.stiffness_n_m.min(most_n_m) * one.normal.dot(c.normal).abs();
+    let along = |one: &Constraint| constraints.iter().map(|c| along_of(one, c)).sum::<f64>();
     let together_n_m = constraints.iter().map(along).fold(0.0, f64::max);
     if together_n_m > most_n_m { most_n_m / together_n_m } else { 1.0 }
 }
@@ -99,7 +101,7 @@ fn gradient(constraints: &[Constraint], offset: DVec3) -> DVec3 {
     constraints.iter().fold(offset, |sum, c| sum - c.normal * (RIGID * depth_at(c, offset)))
 }
 
-/// ∇²φ: symmetric, its smallest eigenvalue is at least the coupling's stiffness.
+/// ∇²φ: symmetric, its smallest eigenvalue is at least 1.
 fn hessian(constraints: &[Constraint], offset: DVec3) -> DMat3 {
     let pushing = constraints.iter().filter(|c| depth_at(c, offset) > 0.0);
     pushing.fold(DMat3::IDENTITY, |sum, c| sum + outer(c.normal, RIGID))
@@ -166,6 +168,16 @@ mod tests {
         assert!((force(&twice).z - 0.9).abs() < 1e-9, "{}", force(&twice).z);
         let endless = [constraint(DVec3::Z, 0.001, f64::from(f32::MAX)); MAX_PLANES];
         assert!((force(&endless).z - 0.9).abs() < 1e-9, "{}", force(&endless).z);
+    }
+
+    #[test]
+    fn a_wall_that_is_too_stiff_takes_nothing_of_another_one_at_right_angles() {
+        let floor = constraint(DVec3::Z, 0.001, 400.0);
+        for side_m in [-0.001, 0.001] {
+            let side = constraint(DVec3::X, side_m, 20_000.0);
+            let felt = force(&[floor, side]);
+            assert!((felt - DVec3::new(900.0 * f64::max(side_m, 0.0), 0.0, 0.4)).length() < 1e-9, "{side_m} m deep: {felt}");
+        }
     }
 
     #[test]

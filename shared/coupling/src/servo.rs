@@ -18,7 +18,9 @@
 //!
 //! Stability of the sampled wall needs `b > K·T/2 + |B|` (Colgate and Schenkel 1997) with b the physical damping of
 //! device and hand, K and B the virtual stiffness and damping; a loop delay of d ticks adds K·d·T. `coupling_limit_n_m`
-//! solves this for K with the bristle of friction beside it, and no surface is ever felt stiffer.
+//! solves this for K with the bristle of friction beside it, and no planes are felt stiffer than nine tenths of that from one model to the next. What a wall
+//! is stiffer than they are comes with the next models, as planes that have moved: the observer sees it, and the tissue's tests try it with a hand
+//! (`processes/tissue/src/main_loop/tests/grip.rs`).
 
 mod friction;
 mod medium;
@@ -226,7 +228,8 @@ fn push_of(params: &ServoParams, walls: &Constraints, rest: &Proxy, velocity: DV
 
 /// Passivity observer: books the energy that crossed the grip, and returns the controller's damping, N·s/m. `stored_j`: what planes and bristle have of it.
 ///
-/// The account is limited to what is stored plus a reserve, because old credit would let energy out later without notice;
+/// The account is limited to what is stored plus a reserve, because old credit would let energy out later without notice; planes that are softer than their
+/// wall, and as much deeper, have more of it stored than the wall has.
 /// out of contact a debt is forgiven, because there is nothing left that could give energy.
 fn observe(
     params: &ServoParams,

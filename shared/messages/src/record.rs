@@ -117,6 +117,10 @@ pub struct ContactPlane {
 }
 
 /// The contact model that tissue hands to the servo.
+///
+/// Planes that together are stiffer than a servo can make a hand feel (1 080 N/m with the station's device, less with one that states less) are felt by a
+/// share, force and all. How stiff they are together is the largest, over their normals, of the sum of all stiffness by the cosine to it, of those that do
+/// not push as well.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ContactModel {

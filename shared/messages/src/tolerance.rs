@@ -67,8 +67,9 @@ const MOST_FLOW_ML_MIN: f64 = 80.0;
 const MOST_VESSELS: f64 = 0.5;
 
 /// Of contact models: how deep below a plane the hand is tried, m, and how fast it goes in, m/s; and by how much the forces may differ there, N and as a
-/// share of the larger one. A surface that is as far out of place as [`TISSUE`] allows changes the force by a quarter; a plane that is missing, by all of it.
-const MODEL_DEPTH_M: f32 = 2e-3;
+/// share of the larger one. A surface that is as far out of place as [`TISSUE`] allows changes the force of a contact of 1.5 kN/m by 0.75 N, and so the place of a
+/// plane of 450 N/m by 1.7 mm, which is a quarter of what it does here; a plane that is missing is all of it.
+const MODEL_DEPTH_M: f32 = 6e-3;
 const MODEL_SPEED_M_S: f32 = 0.05;
 const MOST_FORCE_N: f64 = 0.05;
 const MOST_FORCE_SHARE: f64 = 0.4;
@@ -245,19 +246,19 @@ mod tests {
         let at = model(&[wall]);
         assert_eq!(compare_models(&at, &at).ratio(), 0.0);
         assert_eq!(compare_models(&model(&[]), &model(&[])).ratio(), 0.0);
-        // None at all: 400 N/m · 2 mm + 1 N·s/m · 0.05 m/s = 0.85 N, 0.05 + 0.4 · 0.85 are allowed.
+        // None at all: 400 N/m · 6 mm + 1 N·s/m · 0.05 m/s = 2.45 N, 0.05 + 0.4 · 2.45 are allowed.
         let found = compare_models(&at, &model(&[]));
-        assert!((found.by - 0.85).abs() < 1e-5 && (found.ratio() - 0.85 / 0.39).abs() < 1e-4, "{found:?}");
+        assert!((found.by - 2.45).abs() < 1e-5 && (found.ratio() - 2.45 / 1.03).abs() < 1e-4, "{found:?}");
         assert_eq!(compare_models(&model(&[]), &at).ratio(), found.ratio());
-        // Half a millimetre further in: 0.2 N of 0.85 or 1.05.
-        let moved = compare_models(&at, &model(&[([0.0, 0.0, 0.0505], 400.0, [0.0, 0.0, -1.0])]));
-        assert!(moved.ratio() < 0.6 && (moved.by - 0.2).abs() < 1e-4, "{moved:?}");
+        // 1.7 mm further in: 0.68 N of 2.45 or 3.13.
+        let moved = compare_models(&at, &model(&[([0.0, 0.0, 0.0517], 400.0, [0.0, 0.0, -1.0])]));
+        assert!(moved.ratio() < 0.7 && (moved.by - 0.68).abs() < 1e-4, "{moved:?}");
         assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 900.0, [0.0, 0.0, -1.0])])).ratio() > 1.0, "twice as stiff");
         assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 400.0, [0.0, 0.0, 1.0])])).ratio() > 1.0, "it pulls");
         assert_eq!(compare_models(&at, &model(&[([f32::NAN; 3], 400.0, [0.0, 0.0, -1.0])])).ratio(), f64::INFINITY);
-        // Half of 0.85 N more along the wall.
+        // Half of 2.45 N more along the wall.
         let rough = compare_models(&at, &ContactModel { friction: 0.5, ..at });
-        assert!((rough.by - 0.425).abs() < 1e-5 && rough.ratio() > 1.0, "{rough:?}");
+        assert!((rough.by - 1.225).abs() < 1e-5 && rough.ratio() > 1.0, "{rough:?}");
         assert_eq!(compare_models(&at, &ContactModel { friction: f32::NAN, ..at }).ratio(), f64::INFINITY);
     }
 

@@ -198,18 +198,6 @@ impl Press {
         world.case.pose_of(&pose)
     }
 
-    /// The planes of the last step.
-    #[cfg(test)]
-    pub fn planes(&self) -> &PlaneSet {
-        &self.planes
-    }
-
-    /// Where the tip is in a tick, m.
-    #[cfg(test)]
-    pub fn tip_m(&self, tick: usize) -> [f32; 3] {
-        self.pose(tick).position_m
-    }
-
     /// One period of the hand from where the tissue is, or as much of it as fits into the time.
     pub fn run(&mut self, budget_ns: u64) -> Result<Record, String> {
         self.run_beside(budget_ns, |_| Ok(()))

@@ -2,6 +2,18 @@
 
 use super::*;
 
+impl Press {
+    /// The planes of the last step.
+    pub fn planes(&self) -> &PlaneSet {
+        &self.planes
+    }
+
+    /// Where the tip is in a tick, m.
+    pub fn tip_m(&self, tick: usize) -> [f32; 3] {
+        self.pose(tick).position_m
+    }
+}
+
 #[test]
 fn what_is_remembered_of_the_step_before_changes_no_bit_of_a_press() {
     let scene = crate::world::load_scene(None).unwrap();
