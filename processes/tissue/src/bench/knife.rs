@@ -14,7 +14,7 @@ use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
 use hyst_messages::Role;
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{BoundSurface, CutOptions, Cuttable, Isa, ModelMaker, Options, Scratch, cut};
+use hyst_tissue::{BoundSurface, CutOptions, Cuttable, Isa, LooseSkin, ModelMaker, Options, Scratch, cut};
 use std::hint::black_box;
 
 /// Way of the wire in a tick of 1 ms, m: 0.2 m/s, faster than a hand cuts.
@@ -71,9 +71,10 @@ fn wires(scene: &LoadedScene, place: f32) -> Result<impl Iterator<Item = [[f32; 
     Ok(ways.map(move |z| [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]]))
 }
 
-/// What the Main Loop does for a cut, one after the other: the sweep, the names of the parts that it leaves, their faces and points of contact, packing them into words
-/// and looking whether others would take them, waiting for their model, which is made on another core meanwhile, and all else that is made anew for them.
-pub const STAGES: [&str; 6] = ["sweep", "parts", "faces", "packing", "model", "taking"];
+/// What the Main Loop does for a cut, one after the other: the sweep, the names of the parts that it leaves, their faces and points of contact, waiting for their
+/// surface for the eye, which is bound on another core meanwhile, packing them into words and looking whether others would take them, waiting for their model,
+/// which is made there behind the surface, and all else that is made anew for them.
+pub const STAGES: [&str; 7] = ["sweep", "parts", "faces", "surface", "packing", "model", "taking"];
 
 /// The cuts of some strokes.
 #[derive(Default)]
@@ -146,12 +147,13 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, (place, is_shut): (f32, bool), 
         let mut laps = Laps::begun();
         let nodes = (&positions_m[..], &velocities_m_s[..]);
         let before: &[u8] = bytemuck::cast_slice(&stroke);
-        let swept = electrode.sweep_by(&world, Some(&wire_m[..]), before, nodes, || laps.pass()).map_err(text)?;
-        if let Stroke::Cut { body, held, parted, .. } = swept {
+        let bind = |loose: LooseSkin, rest: &TetMesh| workshop.bind(loose, rest);
+        let swept = electrode.sweep_by(&world, Some(&wire_m[..]), before, nodes, bind, || laps.pass()).map_err(text)?;
+        if let Stroke::Cut { body, held, parted, trailing, .. } = swept {
             laps.pass();
-            let made = workshop.make_sound(*body, Some(held), is_shut, &mut || laps.pass());
+            let made = workshop.make_sound(*body, (Some(held), trailing), is_shut, &mut || laps.pass());
             match made {
-                Ok(next) => {
+                Ok((next, _)) => {
                     laps.pass();
                     black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted), healthy_removed_m3(&world, &next)));
                     fit(&next, (&mut scratch, &mut surface, &mut contacts));
