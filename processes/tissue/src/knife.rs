@@ -9,6 +9,7 @@
 pub(crate) mod tests;
 
 use crate::body::{Body, Piece, Room};
+use crate::volumes::Volumes;
 use crate::world::{Case, Coming, Held, Trailing, World};
 use glam::{Quat, Vec3};
 use hyst_mesh::{TetMesh, component_of_each_tet};
@@ -292,24 +293,30 @@ pub struct Filling<'a> {
     /// The next tet.
     next: usize,
     filled: Filled,
+    /// The volumes of the tets, and where they are kept for the next body.
+    volumes: Volumes,
+    kept: &'a mut Volumes,
 }
 
 impl<'a> Filling<'a> {
-    /// Of a body with these objects.
-    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord]) -> Filling<'a> {
+    /// Of a body with these objects; `kept`: what is known of the volumes of the one before, and then of this one.
+    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord], kept: &'a mut Volumes) -> Filling<'a> {
         let place = |(object, record): (u32, &ObjectRecord)| {
             (!record.is_free_piece()).then(|| usize::from(case.is_pathology(body, object)))
         };
         // The sum of nothing is -0, as that of an iterator.
         let filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
-        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled }
+        // Nothing is known where somebody stops before all are added.
+        let mut volumes = std::mem::take(kept);
+        volumes.begin(body);
+        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled, volumes, kept }
     }
 
     /// Adds the next tet; false behind the last one.
     pub fn add(&mut self) -> bool {
         let rest = &self.body.rest;
-        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
-        let volume_m3 = self.body.volume_m3(*tet);
+        let (true, Some(object)) = (self.next < rest.tets.len(), rest.regions.get(self.next)) else { return false };
+        let volume_m3 = self.volumes.of(self.body, self.next);
         self.filled.is_everywhere &= volume_m3 > 0.0;
         if let Some(place) = self.place_of.get(*object as usize).copied().flatten() {
             self.filled.held_m3[place] += volume_m3;
@@ -321,6 +328,8 @@ impl<'a> Filling<'a> {
     /// Adds what is left.
     pub fn ended(mut self) -> Filled {
         while self.add() {}
+        self.volumes.end(self.body, self.next);
+        *self.kept = self.volumes;
         self.filled
     }
 }

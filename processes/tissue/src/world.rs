@@ -21,6 +21,7 @@ use crate::points::ContactPoints;
 use crate::site::MAX_OBJECTS;
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
+use crate::volumes::Volumes;
 use derived::Derived;
 pub use held::Held;
 use hyst_contact::{Topology, TopologyMaker};
@@ -136,6 +137,7 @@ pub struct Workshop {
     case: Arc<Case>,
     maker: Arc<Mutex<ModelMaker>>,
     faces: TopologyMaker,
+    volumes: Volumes,
     first_substeps: u32,
     /// Who binds surfaces and makes models on another core where something is cut.
     modeller: Option<Modeller>,
@@ -215,12 +217,14 @@ impl Workshop {
         case.register_parts(&mut body)?;
         let case = Arc::new(case);
         let maker = Arc::new(Mutex::new(ModelMaker::new(&materials(scene)?, options)));
-        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps, modeller: Modeller::start() };
+        let (faces, volumes, modeller) = (TopologyMaker::default(), Volumes::default(), Modeller::start());
+        let mut workshop = Workshop { case, maker, faces, volumes, first_substeps, modeller };
         let (model, report) = workshop.model(&body)?;
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.lock().options.omega_rest_per_s = Some(report.omega_rest_per_s);
-        let derived = Derived::of(&workshop.case, &mut workshop.faces, &body, None, || None, &mut || ())?;
+        let known = (&mut workshop.faces, &mut workshop.volumes);
+        let derived = Derived::of(&workshop.case, known, &body, None, || None, &mut || ())?;
         let mut world = derived.with(&workshop.case, body, model, None);
         world.notes = [&notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of a mesh that is not cut has to.
@@ -231,7 +235,7 @@ impl Workshop {
     /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
-        let derived = Derived::of(&self.case, &mut self.faces, &body, None, || None, &mut || ())?;
+        let derived = Derived::of(&self.case, (&mut self.faces, &mut self.volumes), &body, None, || None, &mut || ())?;
         Ok(derived.with(&self.case, body, model, None))
     }
 
@@ -259,7 +263,7 @@ impl Workshop {
             out_of_room = left_out;
             Some(skin)
         };
-        let derived = Derived::of(&case, &mut self.faces, &body, held, come, passed);
+        let derived = Derived::of(&case, (&mut self.faces, &mut self.volumes), &body, held, come, passed);
         passed();
         let (model, shut_n) = given.map_or_else(Job::done, Sent::ended)?;
         let body = Arc::try_unwrap(body).unwrap_or_else(|shared| Body::clone(&shared));

@@ -6,6 +6,7 @@ use crate::drift::Drifter;
 use crate::knife::{Filled, Filling};
 use crate::points::{ContactPoints, Telling};
 use crate::site::object;
+use crate::volumes::Volumes;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::Failure;
 use hyst_messages::stream::{ObjectKind, ObjectRecord};
@@ -30,7 +31,7 @@ impl Derived {
     /// `come` gives the surface of a body that has none yet, and is asked once all is made that does without. Calls `passed` before that and behind it.
     pub(super) fn of(
         case: &Case,
-        faces: &mut TopologyMaker,
+        (faces, volumes): (&mut TopologyMaker, &mut Volumes),
         body: &Body,
         held: Option<Held>,
         come: impl FnOnce() -> Option<Skin>,
@@ -50,7 +51,7 @@ impl Derived {
         count_surface(&mut objects, body, skin);
         passed();
         let words = body.pack_under(skin);
-        let (mut filling, mut telling) = (Filling::of(case, body, &objects), Telling::of(body));
+        let (mut filling, mut telling) = (Filling::of(case, body, &objects, volumes), Telling::of(body));
         let version = version_beside(&words, || {
             // Once for each block of words; what is left then is done at once.
             if !filling.add() {
