@@ -1,12 +1,12 @@
 //! `tissue bench tissue|contact [--mesh FILE] [--json]`: times the parts of a Main Loop step on one core, outside of any station.
 //!
-//! `tissue` gives a row for each instruction set and one for a cut, with all that is made anew for it in an open cavity (`whole`) and in one that is shut
-//! (`whole_shut`), `contact` one for the scene's tool and one for a tool of 1 000 points. Without a mesh the paper's three scenes
-//! follow ([`paper`]), and for `tissue` blocks from 1 080 to 50 400 tets ([`linear`]), and those that other libraries are given with as
-//! few substeps as they have ([`equal`]). Targets are rows too, and a missed one is exit code 1. `limit_ratio` is the time over that of reading every tet's corners
-//! once (once a substep for the deformation; a test that remembers which are near looks at all of them in few steps); of the deformation `arithmetic` has the same
-//! for its operations ([`limit`]). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine;
-//! `speedup_of_search` the same of a search through all tets in each step.
+//! `tissue` gives a row for each instruction set, one for a cut by a straight wire, with all that is made anew for it in an open cavity (`whole`) and in one
+//! that is shut (`whole_shut`), and one for a cut by the station's loop, at rest (`whole`) and in tissue that is bent (`whole_bent`); `contact` one for the
+//! scene's tool and one for a tool of 1 000 points. Without a mesh the paper's three scenes follow ([`paper`]), and for `tissue` blocks from 1 080 to
+//! 50 400 tets ([`linear`]), and those that other libraries are given with as few substeps as they have ([`equal`]). Targets are rows too, and a missed one is
+//! exit code 1. `limit_ratio` is the time over that of reading every tet's corners once (once a substep for the deformation; a test that remembers which are
+//! near looks at all of them in few steps); of the deformation `arithmetic` has the same for its operations ([`limit`]). `speedup` has the intersection test on
+//! two threads, and beside it what two independent copies reach on this machine; `speedup_of_search` the same of a search through all tets in each step.
 
 mod equal;
 mod felt;
@@ -20,6 +20,7 @@ mod linear;
 mod paper;
 mod peer;
 mod press;
+mod strokes;
 
 use hyst_engine::bench::{finish, quantile_ns, request, spread, target, unjudged, usual_ns};
 use hyst_scene::{LoadedScene, collision_points};
@@ -42,12 +43,16 @@ const US: f64 = 1e3;
 const MOST_APART: f64 = 0.05;
 /// How many times as fast as a peer's bounding volumes the test is to be.
 const LEAST_RATIO: f64 = 3.0;
-/// How many times as fine the converged solution is, how many times as stiff the contacts beside which it is seen what they give way, and ticks of the hand.
+/// How many times as fine the converged solution is, how many times as stiff the contacts beside which it is seen what they give way, and ticks of the hand
+/// `press`, which has gone in by then.
 const FINER: u32 = 4;
 const STIFFER: f32 = 10.0;
 const TRUTH_TICKS: usize = 1_000;
 /// Longest cut with all that is made anew for it, ms: a tick.
 const MOST_CUT_MS: f64 = 1.0;
+/// What the targets for cuts say of what cuts: a straight wire, and the station's loop.
+const BY_WIRE: &str = "with all that is made anew";
+const BY_LOOP: &str = "by the station's loop";
 /// Where other libraries are timed beside this one, and what is said where none does the same.
 const PEERS: &str = "see tests/peers/beside.py";
 const NO_PEERS: &str = "none is measured";
@@ -111,6 +116,10 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
     let (row, of_cuts) = knife(scene)?;
     rows.push(row);
     targets.extend(of_cuts);
+    if let Some((row, of_cuts)) = electrode(scene)? {
+        rows.push(row);
+        targets.extend(of_cuts);
+    }
     let truth = truth(scene)?;
     targets.extend(is_near(&truth));
     rows.push(truth);
@@ -165,7 +174,8 @@ fn apart(scene: &LoadedScene, method: &str, runs: impl Fn() -> Result<felt::Apar
     }))
 }
 
-/// A row for a cut: the step is a tick in which the wire moves. And whether cuts take no more than a tick with all that the Main Loop makes anew for them.
+/// A row for a cut by a straight wire: the step is a tick in which the wire moves. And whether cuts take no more than a tick with all that the Main Loop makes
+/// anew for them.
 fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     let pass_ns = Press::new(scene, Isa::detect(), 1)?.pass_ns();
     let mut knife = knife::draw(scene, Isa::detect())?;
@@ -173,8 +183,8 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     let (cut_ns, model_ns, topology_ns) = (all_ns(&knife.cut_ns), all_ns(&knife.model_ns), all_ns(&knife.topology_ns));
     let sum_ns = (cut_ns + model_ns + topology_ns).max(1.0);
     let (ticks, changes, tets) = (knife.cut_ns.len(), knife.model_ns.len(), knife.tets[0]);
-    let (whole, targets) = cuts(scene, &knife::PLACES, MOST_CUT_MS, false)?;
-    let (whole_shut, _) = cuts(scene, &knife::PLACES, MOST_CUT_MS, true)?;
+    let (whole, targets) = cuts(scene, &strokes::PLACES, MOST_CUT_MS, false)?;
+    let (whole_shut, _) = cuts(scene, &strokes::PLACES, MOST_CUT_MS, true)?;
     let row = json!({
         "scene": scene.scene.name,
         "method": "a wire drawn through the pathology at 0.2 m/s",
@@ -198,12 +208,60 @@ fn knife(scene: &LoadedScene) -> Result<(Value, [Value; 2]), String> {
     Ok((row, targets))
 }
 
-/// Cuts as the Main Loop makes them, with all that is made anew for them, in strokes through some places: how long they take, and of each stage half of them,
-/// how many there are and how many were refused. And whether half of them, and 95 of 100, take no longer than they may. In a cavity that is shut
-/// also what holds it so is made, where it closes.
+/// A row for a cut by the station's loop, and whether it takes no more than a tick; `None` of a scene without a loop. What is judged is the tissue at rest. How
+/// it is bent depends on the hand, and the one that presses does it elsewhere: that shows whether it makes a difference, and has no target.
+fn electrode(scene: &LoadedScene) -> Result<Option<(Value, [Value; 2])>, String> {
+    let turns_deg = &strokes::TURNS_DEG;
+    let Some((whole, targets)) = cuts_by_loop(scene, turns_deg, MOST_CUT_MS, None)? else { return Ok(None) };
+    let mut whole_bent = None;
+    if scene.hand("press").is_some() {
+        let bent_m = knife::pressed_m(scene, Isa::detect(), TRUTH_TICKS)?;
+        whole_bent = cuts_by_loop(scene, turns_deg, MOST_CUT_MS, Some(&bent_m[..]))?.map(|(whole_bent, _)| whole_bent);
+    }
+    let hand = strokes::cutting_hand(scene).map(|hand| hand.name.as_str());
+    let way = if hand.is_some() { "as the hand cuts with it" } else { "through the middle of the pathology" };
+    let row = json!({
+        "scene": scene.scene.name,
+        "method": format!("the station's loop drawn {way}, tissue at rest (whole_bent: bent by the hand press)"),
+        "hand": hand.unwrap_or("none that cuts"),
+        "tets": tets(scene),
+        "strokes": turns_deg.len(),
+        "whole": whole,
+        "whole_bent": whole_bent,
+        "speedup": { "1": 1.0 },
+        "peers": {},
+        "peers_note": NO_PEERS,
+    });
+    Ok(Some((row, targets)))
+}
+
+/// Tets of all objects of a scene.
+fn tets(scene: &LoadedScene) -> usize {
+    scene.objects.iter().map(|object| object.mesh.tets.len()).sum()
+}
+
+/// Cuts by a straight wire as the Main Loop makes them, with all that is made anew for them, in strokes through some places, as [`judged`] tells them. In a
+/// cavity that is shut also what holds it so is made, where it closes.
 fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64, is_shut: bool) -> Result<(Value, [Value; 2]), String> {
-    let tets: usize = scene.objects.iter().map(|object| object.mesh.tets.len()).sum();
-    let knife::Cuts { whole_ns: mut times_ns, mut stages_ns, refused } = knife::whole(scene, Isa::detect(), places, is_shut)?;
+    Ok(judged(scene, BY_WIRE, knife::whole(scene, Isa::detect(), places, is_shut)?, most_ms))
+}
+
+/// The same by the station's loop, in a stroke for each turn, at rest or where the tissue was bent to; `None` of a scene without a loop.
+fn cuts_by_loop(
+    scene: &LoadedScene,
+    turns_deg: &[f32],
+    most_ms: f64,
+    bent_m: Option<&[[f32; 3]]>,
+) -> Result<Option<(Value, [Value; 2])>, String> {
+    let cuts = knife::by_loop(scene, Isa::detect(), turns_deg, bent_m)?;
+    Ok(cuts.map(|cuts| judged(scene, BY_LOOP, cuts, most_ms)))
+}
+
+/// Cuts as they are told: how long they take, and of each stage half of them, how many there are, how many were refused, and of how many triangles a sweep
+/// is. And whether half of them, and 95 of 100, take no longer than they may.
+fn judged(scene: &LoadedScene, what: &str, cuts: knife::Cuts, most_ms: f64) -> (Value, [Value; 2]) {
+    let tets = tets(scene);
+    let knife::Cuts { whole_ns: mut times_ns, mut stages_ns, refused, swept_triangles } = cuts;
     let stage = |(name, times_ns): (&str, &mut Vec<u64>)| (name.to_owned(), json!(quantile_ns(times_ns, 0.5) / US));
     let stages_us: Map<String, Value> = knife::STAGES.into_iter().zip(&mut stages_ns).map(stage).collect();
     let mut us = spread(&mut times_ns, US);
@@ -211,9 +269,11 @@ fn cuts(scene: &LoadedScene, places: &[f32], most_ms: f64, is_shut: bool) -> Res
     let targets = [("of half of them", 0.5), ("of 95 in 100", 0.95)].map(|(of, share)| {
         // Without a cut nothing is shown.
         let whole_ms = if times_ns.is_empty() { f64::NAN } else { quantile_ns(&mut times_ns, share) / 1e6 };
-        target(&format!("a cut of {tets} tets with all that is made anew, ms, {of}"), whole_ms, most_ms, false)
+        target(&format!("a cut of {tets} tets {what}, ms, {of}"), whole_ms, most_ms, false)
     });
-    Ok((json!({ "us": us, "stages_us": stages_us, "cuts": times_ns.len(), "refused": refused }), targets))
+    let count = times_ns.len();
+    let told = json!({ "us": us, "stages_us": stages_us, "cuts": count, "refused": refused, "swept_triangles": swept_triangles });
+    (told, targets)
 }
 
 /// The scene with a tool of so many points.

@@ -11,6 +11,7 @@ use hyst_mesh::{Binding, TetMesh, are_below, are_finite, signed_volume};
 use hyst_messages::fnv_words;
 use hyst_tissue::Skin;
 
+pub use order::in_order;
 pub use parts::Piece;
 
 /// What there is room for: a state has a greatest size, said before the first one is written.
@@ -98,15 +99,20 @@ pub struct Body {
 }
 
 impl Body {
-    /// Nodes, tets, vertices and triangles of the surface, objects.
-    fn counts(&self) -> [usize; COUNTS] {
-        let (rest, skin) = (&self.rest, &self.skin);
+    /// Nodes, tets, vertices and triangles of a surface, objects.
+    fn counts(&self, skin: &Skin) -> [usize; COUNTS] {
+        let rest = &self.rest;
         [rest.positions_m.len(), rest.tets.len(), skin.rest_m.len(), skin.triangles.len(), self.origin.len()]
     }
 
     /// As words, which are what a state carries.
     pub fn pack(&self) -> Vec<u32> {
-        let counts = self.counts();
+        self.pack_under(&self.skin)
+    }
+
+    /// The same with another surface for the eye.
+    pub fn pack_under(&self, skin: &Skin) -> Vec<u32> {
+        let counts = self.counts(skin);
         let mut words = Vec::with_capacity(words_of(&counts));
         words.extend(counts.map(|count| count as u32));
         words.extend_from_slice(bytemuck::cast_slice(&self.rest.positions_m));
@@ -118,10 +124,10 @@ impl Body {
             let kinds = self.rest.regions.iter().zip(&self.material);
             words.extend(kinds.map(|(object, material)| object | material << OBJECT_BITS));
         }
-        words.extend_from_slice(bytemuck::cast_slice(&self.skin.rest_m));
-        words.extend_from_slice(bytemuck::cast_slice(&self.skin.bindings));
-        words.extend(self.skin.raw.chunks(u32::BITS as usize).map(word_of_flags));
-        words.extend_from_slice(self.skin.triangles.as_flattened());
+        words.extend_from_slice(bytemuck::cast_slice(&skin.rest_m));
+        words.extend_from_slice(bytemuck::cast_slice(&skin.bindings));
+        words.extend(skin.raw.chunks(u32::BITS as usize).map(word_of_flags));
+        words.extend_from_slice(skin.triangles.as_flattened());
         words.extend_from_slice(&self.origin);
         words
     }
@@ -175,7 +181,7 @@ impl Body {
     /// a node twice.
     pub fn fits(&self, room: &Room) -> bool {
         let Body { rest, material, fixed, skin, origin } = self;
-        let counts @ [nodes, tets, vertices, _, objects] = self.counts();
+        let counts @ [nodes, tets, vertices, _, objects] = self.counts(skin);
         let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
         let is_bound = |binding: &Binding| ((binding.tet as usize) < tets) & are_finite(&binding.weights);
         let is_once = |[a, b, c, d]: &[u32; 4]| (a != b) & (a != c) & (a != d) & (b != c) & (b != d) & (c != d);

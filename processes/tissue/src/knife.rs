@@ -9,13 +9,14 @@
 pub(crate) mod tests;
 
 use crate::body::{Body, Piece, Room};
-use crate::world::{Case, Held, World};
+use crate::volumes::Volumes;
+use crate::world::{Case, Coming, Held, Trailing, World};
 use glam::{Quat, Vec3};
-use hyst_mesh::component_of_each_tet;
+use hyst_mesh::{TetMesh, component_of_each_tet};
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
 use hyst_scene::{LEAST_PART_M3, LoadedLoop};
-use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
+use hyst_tissue::{Cut, CutError, CutOptions, Cuttable, LooseSkin, Seat, Skin, cut_and_bind};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -64,12 +65,14 @@ pub enum Stroke {
     },
     /// The mesh is another one, or its surface alone: where that is finer than the tets the wire divides it before it meets an edge of them.
     Cut {
-        /// What it is now.
+        /// What it is now; without its surface where that is still to come.
         body: Box<Body>,
         /// What holds that.
         held: Held,
         /// The objects that the cut made in it.
         parted: Vec<Piece>,
+        /// The surface that is to come: what of it finds no room is known then.
+        trailing: Option<Box<Trailing>>,
         /// As above.
         is_limited: bool,
     },
@@ -118,10 +121,10 @@ impl Knife {
         stroke: &[u8],
         nodes: (&[[f32; 3]], &[[f32; 3]]),
     ) -> Result<Stroke, CutError> {
-        self.sweep_by(world, wire_m, stroke, nodes, || ())
+        self.sweep_by(world, wire_m, stroke, nodes, Coming::at_once, || ())
     }
 
-    /// The same for who wants to know when something is cut, and its parts are yet to be named.
+    /// The same for who may have the surface bound elsewhere, and wants to know when something is cut, and its parts are yet to be named.
     ///
     /// # Errors
     /// As [`Knife::sweep`].
@@ -131,6 +134,7 @@ impl Knife {
         wire_m: Option<&[[f32; 3]]>,
         stroke: &[u8],
         (position_m, velocity_m_s): (&[[f32; 3]], &[[f32; 3]]),
+        bind: impl FnOnce(LooseSkin, &TetMesh) -> Coming,
         passed: impl FnOnce(),
     ) -> Result<Stroke, CutError> {
         self.tissue.wire.clear();
@@ -161,27 +165,36 @@ impl Knife {
         tissue.velocity_m_s.clear();
         tissue.velocity_m_s.extend_from_slice(velocity_m_s);
         copy_all(tissue, &world.body);
-        let report = cut(tissue, wire_m, &options(&world.case.room));
-        let report = report.inspect_err(|_| self.tissue.wire.clear())?;
-        // Faces that stay closed are no limit: at the front of every cut there are some.
-        let is_limited = report.out_of_room > 0;
-        if !report.has_changed() {
+        let cut = cut_and_bind(tissue, wire_m, &options(&world.case.room), bind);
+        let cut = cut.inspect_err(|_| self.tissue.wire.clear())?;
+        if !cut.report.has_changed() {
+            // Faces that stay closed are no limit: at the front of every cut there are some.
+            let is_limited = cut.ended(&mut self.tissue, Coming::bound).out_of_room > 0;
             return Ok(Stroke::GoesOn { is_limited });
         }
-        let mut body = handed_over(&mut self.tissue, &world.body);
+        Ok(self.left(world, cut, passed))
+    }
+
+    /// What a cut has left of a world's body.
+    fn left(&mut self, world: &World, cut: Cut<Coming>, passed: impl FnOnce()) -> Stroke {
+        let tissue = &mut self.tissue;
+        // A surface may come later where all that it lies at stays: nothing was burnt, and nothing will be for want of a number.
+        let stays = cut.report.burnt_tets == 0 && world.body.origin.len() + cut.report.parts <= world.case.room.objects;
+        let may_trail = stays && !tissue.part_of_tet.is_empty() && cut.skin.as_ref().is_some_and(Coming::is_beside);
+        let (report, coming) = if may_trail { (cut.report, cut.skin) } else { (cut.ended(tissue, Coming::bound), None) };
+        let mut body = handed_over(tissue, &world.body);
         passed();
         let tets = body.rest.tets.len();
-        let (parted, held) = match &self.tissue.part_of_tet {
-            known if known.len() == tets => register_parts(&world.case, &mut body, known),
-            // The surface alone was divided.
-            _ => {
-                let part_of_tet = component_of_each_tet(&body.rest);
-                register_parts(&world.case, &mut body, &part_of_tet)
-            }
-        };
+        let known = std::mem::take(&mut tissue.part_of_tet);
+        // The surface alone was divided where they are not known.
+        let part_of_tet = if known.len() == tets { known } else { component_of_each_tet(&body.rest) };
+        let coming = coming.map(|coming| (coming, body.rest.regions.clone()));
+        let (parted, held) = register_parts(&world.case, &mut body, &part_of_tet);
         // For want of a number something was burnt.
-        let is_limited = is_limited || body.rest.tets.len() < tets;
-        Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited })
+        let is_limited = report.out_of_room > 0 || body.rest.tets.len() < tets;
+        let has_named = !parted.is_empty();
+        let trailing = coming.map(|(coming, regions)| Trailing::new(coming, part_of_tet, has_named.then_some(regions)));
+        Stroke::Cut { body: Box::new(body), held, parted, trailing: trailing.map(Box::new), is_limited }
     }
 }
 
@@ -280,24 +293,30 @@ pub struct Filling<'a> {
     /// The next tet.
     next: usize,
     filled: Filled,
+    /// The volumes of the tets, and where they are kept for the next body.
+    volumes: Volumes,
+    kept: &'a mut Volumes,
 }
 
 impl<'a> Filling<'a> {
-    /// Of a body with these objects.
-    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord]) -> Filling<'a> {
+    /// Of a body with these objects; `kept`: what is known of the volumes of the one before, and then of this one.
+    pub fn of(case: &Case, body: &'a Body, objects: &[ObjectRecord], kept: &'a mut Volumes) -> Filling<'a> {
         let place = |(object, record): (u32, &ObjectRecord)| {
             (!record.is_free_piece()).then(|| usize::from(case.is_pathology(body, object)))
         };
         // The sum of nothing is -0, as that of an iterator.
         let filled = Filled { held_m3: [-0.0; 2], is_everywhere: true };
-        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled }
+        // Nothing is known where somebody stops before all are added.
+        let mut volumes = std::mem::take(kept);
+        volumes.begin(body);
+        Filling { body, place_of: (0..).zip(objects).map(place).collect(), next: 0, filled, volumes, kept }
     }
 
     /// Adds the next tet; false behind the last one.
     pub fn add(&mut self) -> bool {
         let rest = &self.body.rest;
-        let (Some(tet), Some(object)) = (rest.tets.get(self.next), rest.regions.get(self.next)) else { return false };
-        let volume_m3 = self.body.volume_m3(*tet);
+        let (true, Some(object)) = (self.next < rest.tets.len(), rest.regions.get(self.next)) else { return false };
+        let volume_m3 = self.volumes.of(self.body, self.next);
         self.filled.is_everywhere &= volume_m3 > 0.0;
         if let Some(place) = self.place_of.get(*object as usize).copied().flatten() {
             self.filled.held_m3[place] += volume_m3;
@@ -309,6 +328,8 @@ impl<'a> Filling<'a> {
     /// Adds what is left.
     pub fn ended(mut self) -> Filled {
         while self.add() {}
+        self.volumes.end(self.body, self.next);
+        *self.kept = self.volumes;
         self.filled
     }
 }

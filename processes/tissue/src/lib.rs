@@ -22,6 +22,7 @@ mod site;
 mod state;
 mod through;
 mod tool;
+mod volumes;
 mod world;
 
 pub use bench::run as bench;

@@ -8,6 +8,7 @@ mod model;
 mod modeller;
 mod outside;
 mod roots;
+mod surface;
 
 use crate::body::{Body, Room};
 use crate::closing::Closing;
@@ -20,6 +21,7 @@ use crate::points::ContactPoints;
 use crate::site::MAX_OBJECTS;
 use crate::state::FARTHEST_M;
 use crate::tool::Tool;
+use crate::volumes::Volumes;
 use derived::Derived;
 pub use held::Held;
 use hyst_contact::{Topology, TopologyMaker};
@@ -30,12 +32,13 @@ use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{LoadedLoop, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
-use modeller::{Job, Modeller};
+use modeller::{Job, ModelJob, Modeller, Sent};
 use outside::Outside;
 use parking_lot::Mutex;
 use roots::Roots;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
+pub use surface::{Coming, Trailing};
 
 /// Stiffness that contacts and attachments may add up to at a node, N/m: a tip of 20 mm² in [`crate::contacts::STIFFNESS_N_M3`].
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
@@ -134,8 +137,9 @@ pub struct Workshop {
     case: Arc<Case>,
     maker: Arc<Mutex<ModelMaker>>,
     faces: TopologyMaker,
+    volumes: Volumes,
     first_substeps: u32,
-    /// Who makes models on another core where something is cut.
+    /// Who binds surfaces and makes models on another core where something is cut.
     modeller: Option<Modeller>,
 }
 
@@ -213,12 +217,14 @@ impl Workshop {
         case.register_parts(&mut body)?;
         let case = Arc::new(case);
         let maker = Arc::new(Mutex::new(ModelMaker::new(&materials(scene)?, options)));
-        let mut workshop = Workshop { case, maker, faces: TopologyMaker::default(), first_substeps, modeller: Modeller::start() };
+        let (faces, volumes, modeller) = (TopologyMaker::default(), Volumes::default(), Modeller::start());
+        let mut workshop = Workshop { case, maker, faces, volumes, first_substeps, modeller };
         let (model, report) = workshop.model(&body)?;
         // Looking for the frequency takes longer than all else. Cuts raise it, to 1.9 in a substep at most, for there mass is added: what they leave is stable,
         // and its stiffest modes ring for longer than those of the whole mesh.
         workshop.maker.lock().options.omega_rest_per_s = Some(report.omega_rest_per_s);
-        let derived = Derived::of(&workshop.case, &mut workshop.faces, &body, None, &mut || ())?;
+        let known = (&mut workshop.faces, &mut workshop.volumes);
+        let derived = Derived::of(&workshop.case, known, &body, None, || None, &mut || ())?;
         let mut world = derived.with(&workshop.case, body, model, None);
         world.notes = [&notes(&report)[..], world.case.closing.notes()].concat();
         // Now, so that no step of a mesh that is not cut has to.
@@ -229,44 +235,44 @@ impl Workshop {
     /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
-        let derived = Derived::of(&self.case, &mut self.faces, &body, None, &mut || ())?;
+        let derived = Derived::of(&self.case, (&mut self.faces, &mut self.volumes), &body, None, || None, &mut || ())?;
         Ok(derived.with(&self.case, body, model, None))
     }
 
     /// The world of a body that this process has changed. It is asked what everybody asks who is sent it: with a mesh that they refuse its maker would go on
-    /// alone, without a spare or a successor. Who knows already what holds the body says it. The tissue stands still meanwhile, so the model is made on another
-    /// core, and there, too, the forces that hold the cavity shut, where it is or comes to be (`is_shut`). Calls `passed` once the faces and the points of
-    /// contact are made, then once the body is packed.
+    /// alone, without a spare or a successor. Who knows already what holds the body says it, and who has its surface bound meanwhile gives that; how much of it
+    /// found no room is told with the world. The tissue stands still meanwhile, so the model is made on another core, and there, too, the forces that hold the
+    /// cavity shut, where it is or comes to be (`is_shut`). Calls `passed` once the faces and the points of contact are made, once the surface is there, and
+    /// once the body is packed.
     pub fn make_sound(
         &mut self,
         body: Body,
-        held: Option<Held>,
+        (held, trailing): (Option<Held>, Option<Box<Trailing>>),
         is_shut: bool,
         passed: &mut impl FnMut(),
-    ) -> Result<World, Failure> {
+    ) -> Result<(World, usize), Failure> {
         let (body, case) = (Arc::new(body), Arc::clone(&self.case));
-        let job = Job::of(self, &body, is_shut);
-        let faces = &mut self.faces;
-        let derive = || {
-            let derived = Derived::of(&case, faces, &body, held, passed);
-            passed();
-            derived
+        let job = ModelJob::of(self, &body, is_shut);
+        let given = match &mut self.modeller {
+            Some(modeller) => modeller.make(job),
+            None => Err(job),
         };
-        let (made, derived) = match &mut self.modeller {
-            Some(modeller) => modeller.both(job, derive),
-            None => {
-                let derived = derive();
-                (job.done(), derived)
-            }
+        let mut out_of_room = 0;
+        let come = || {
+            let (skin, left_out) = trailing?.come(&body);
+            out_of_room = left_out;
+            Some(skin)
         };
-        let (model, shut_n) = made?;
+        let derived = Derived::of(&case, (&mut self.faces, &mut self.volumes), &body, held, come, passed);
+        passed();
+        let (model, shut_n) = given.map_or_else(Job::done, Sent::ended)?;
         let body = Arc::try_unwrap(body).unwrap_or_else(|shared| Body::clone(&shared));
         let world = derived?.with(&case, body, model, shut_n);
         let is_sound = world.body.fits(&case.room) && world.filled.is_everywhere;
         if !is_sound {
             return Err(Failure::Broken("the mesh that it leaves is none, or one that there is no room for".into()));
         }
-        Ok(world)
+        Ok((world, out_of_room))
     }
 }
 

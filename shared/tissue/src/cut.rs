@@ -17,6 +17,7 @@ mod cells;
 mod enclosed;
 mod fans;
 mod joined;
+mod loose;
 mod neighbourhood;
 mod places;
 mod refine;
@@ -32,6 +33,7 @@ use places::corners;
 use refine::Work;
 use sheet::Sheet;
 
+pub use loose::{BoundSkin, Cut, LooseSkin};
 pub use skin::Skin;
 pub use wire::Seat;
 
@@ -297,6 +299,20 @@ impl CutOptions {
 ///
 /// Errors: lists that do not fit, a wire that is not finite, options out of range; then nothing has changed.
 pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Result<CutReport, CutError> {
+    let done = cut_and_bind(tissue, wire, options, LooseSkin::bound)?;
+    Ok(done.ended(tissue, std::convert::identity))
+}
+
+/// The same for who may have the surface for the eye bound elsewhere while the rest is done: `bind` is called with it, and with the mesh at rest that it is to
+/// be bound to, as soon as that is cut.
+///
+/// Errors: as [`cut()`].
+pub fn cut_and_bind<S>(
+    tissue: &mut Cuttable,
+    wire: &[[f32; 3]],
+    options: &CutOptions,
+    bind: impl FnOnce(LooseSkin, &TetMesh) -> S,
+) -> Result<Cut<S>, CutError> {
     tissue.check()?;
     options.check()?;
     if wire.len() > MAX_WIRE_POINTS {
@@ -314,6 +330,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
         tissue.check_shape(&near)?;
     }
     tissue.part_of_tet.clear();
+    let mut bound = None;
     if !near.is_empty() {
         let (before_m, before) = (tissue.rest.positions_m.clone(), tissue.rest.tets.clone());
         let mut skin = std::mem::take(&mut tissue.skin);
@@ -324,16 +341,11 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
         let changed = changed(&before_m, &before, work.touched, &tissue.rest);
-        report.out_of_room += skin.bind_again(&tissue.rest, &changed, options);
-        report.out_of_room += skin.add_wound(&tissue.rest, &opened, options);
-        tissue.skin = skin;
+        bound = Some(bind(LooseSkin::of(skin, changed, opened, options), &tissue.rest));
     }
-    if report.has_changed_mesh() {
-        burn(tissue, options, &mut report);
-        report.out_of_room += tissue.skin.part_by(&tissue.rest, &tissue.part_of_tet, options);
-    }
+    let number = if report.has_changed_mesh() { burn(tissue, options, &mut report) } else { None };
     tissue.seat_wire(&motion);
-    Ok(report)
+    Ok(Cut { report, skin: bound, number })
 }
 
 /// The tets that are not what they were, in their order. `before_m` and `before`: the places of the nodes at rest, and the tets; `touched`: those that may

@@ -38,7 +38,9 @@ mod state;
 mod step;
 
 pub use build::ModelMaker;
-pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
+pub use cut::{
+    BoundSkin, Cut, CutError, CutOptions, CutReport, Cuttable, LooseSkin, MAX_WIRE_POINTS, Seat, Skin, cut, cut_and_bind,
+};
 pub use equilibrium::holding_forces;
 pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;

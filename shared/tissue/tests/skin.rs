@@ -6,7 +6,7 @@ mod common;
 use common::cuts::{bar, corners, in_its_boundary, joining, parts, polyp, straight, sweep};
 use glam::{DVec3, Vec3};
 use hyst_mesh::{Binding, component_of_each_tet, signed_volume};
-use hyst_tissue::{CutError, CutOptions, Cuttable, Skin, cut};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Skin, cut, cut_and_bind};
 
 fn point(points: &[[f32; 3]], index: u32) -> DVec3 {
     DVec3::from_array(points[index as usize].map(f64::from))
@@ -161,6 +161,29 @@ fn the_polyps_fine_surface_goes_with_its_parts() {
         let (before, _) = volumes(&whole);
         assert!((enclosed / before[0][0] - 1.0).abs() < 0.05, "{enclosed} m³ of {} across {axis}", before[0][0]);
     }
+}
+
+/// A slice that is kept comes off first, then a corner that is burnt.
+#[test]
+fn a_surface_that_is_bound_behind_all_else_is_the_one_that_is_bound_within_its_cut() {
+    let options = CutOptions { min_piece_m3: 50e-9, ..CutOptions::default() };
+    let slice = straight(Vec3::new(0.034, -0.002, -0.002), Vec3::new(0.034, 0.014, -0.002), Vec3::Z * 0.016, 4);
+    let corner = straight(Vec3::new(0.004, -0.002, -0.002), Vec3::new(-0.002, 0.004, -0.002), Vec3::Z * 0.016, 4);
+    let mut tissue = in_its_boundary(bar());
+    let (mut other, mut late, mut parts, mut burnt) = (tissue.clone(), 0, 0, 0);
+    for places in [slice, corner] {
+        for wire in &places {
+            let report = cut(&mut tissue, wire, &options).unwrap();
+            let done = cut_and_bind(&mut other, wire, &options, |loose, rest| (loose, rest.clone())).unwrap();
+            late += done.skin.iter().filter(|(loose, _)| !loose.is_bound()).count();
+            assert_eq!(done.ended(&mut other, |(loose, rest)| loose.bound(&rest)), report);
+            assert!(other == tissue, "another surface: {report:?}");
+            (parts, burnt) = (parts.max(report.parts), burnt + report.burnt_tets);
+        }
+        tissue.end_stroke();
+        other.end_stroke();
+    }
+    assert!(late > 4 && parts > 1 && burnt > 0, "{late} surfaces, {parts} parts, {burnt} tets burnt: too little was tried");
 }
 
 #[test]

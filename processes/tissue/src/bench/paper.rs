@@ -1,7 +1,7 @@
 //! The three scenes of the framework's paper (Tuchschmid et al. 2006, table 2), each with what it is to reach.
 
 use super::press::{INTERSECTION, Press};
-use super::{Make, RUN_NS, THREADS, US, beside_peer, complete, cuts, speedup, time_ns, with_many_points};
+use super::{Make, RUN_NS, THREADS, US, beside_peer, complete, cuts, cuts_by_loop, speedup, time_ns, with_many_points};
 use hyst_engine::bench::{spread, target, usual_ns};
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
@@ -20,8 +20,9 @@ static AIMS: [Aim; 3] = [
     Aim { file: "polyp-medium.toml", step_ms: 1.5, test_hz: 8e3 },
     Aim { file: "three-polyps.toml", step_ms: 2.5, test_hz: 5e3 },
 ];
-/// Where strokes go through the first pathology of each, as shares of its width.
+/// Where strokes go through the first pathology of each, as shares of its width, and how far the loop is turned in its own, degrees.
 const PLACES: [f32; 2] = [0.4, 0.6];
+const TURNS_DEG: [f32; 2] = [-10.0, 10.0];
 /// Share of what independent copies reach that the speed-up of the test is to have, with the largest of the scenes.
 const LEAST_SPEEDUP: f64 = 0.9;
 /// A machine of so many cores has room for several threads whatever else runs, and is to make the test so many times as fast with this many.
@@ -55,7 +56,8 @@ fn scenes() -> Result<Vec<(&'static Aim, LoadedScene)>, String> {
     AIMS.iter().map(load).collect()
 }
 
-/// A whole step of each scene with two threads and cuts in it, and whether they are short enough: a cut has the time of a step for itself.
+/// A whole step of each scene with two threads and cuts in it, by a straight wire and by the station's loop, and whether they are short enough: a cut has the
+/// time of a step for itself.
 pub fn steps() -> Result<Vec<Value>, String> {
     let (mut rows, mut targets) = (Vec::new(), Vec::new());
     for (aim, scene) in scenes()? {
@@ -69,6 +71,10 @@ pub fn steps() -> Result<Vec<Value>, String> {
         let (cut, of_cuts) = cuts(&scene, &PLACES, aim.step_ms, false)?;
         row["cut"] = cut;
         targets.extend(of_cuts);
+        if let Some((cut, of_cuts)) = cuts_by_loop(&scene, &TURNS_DEG, aim.step_ms, None)? {
+            row["cut_by_loop"] = cut;
+            targets.extend(of_cuts);
+        }
         rows.push(row);
     }
     rows.extend(targets);

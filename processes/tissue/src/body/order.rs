@@ -8,16 +8,18 @@ use std::ops::Range;
 const NONE: u32 = u32::MAX;
 
 impl Body {
-    /// Puts the surface's vertices and triangles into the order of the objects, those of an object in the order that they have. A triangle between two objects
-    /// is left out.
+    /// Puts the surface into the order of the objects.
     pub(super) fn sort_skin(&mut self) {
-        let regions = &self.rest.regions;
-        let object_of: Vec<u32> = self.skin.bindings.iter().map(|binding| regions[binding.tet as usize]).collect();
-        // Most cuts leave it as it was: what they add lies behind, and the object that is cut is the last one.
-        if !is_sorted(&self.skin.triangles, &object_of) {
-            self.skin = sorted(&self.skin, &object_of);
-        }
+        self.skin = in_order(std::mem::take(&mut self.skin), &self.rest.regions);
     }
+}
+
+/// A surface with its vertices and triangles in the order of the objects, those of an object in the order that they have. A triangle between two objects is left
+/// out. `regions`: the object of each tet.
+pub fn in_order(skin: Skin, regions: &[u32]) -> Skin {
+    let object_of: Vec<u32> = skin.bindings.iter().map(|binding| regions[binding.tet as usize]).collect();
+    // Most cuts leave it as it was: what they add lies behind, and the object that is cut is the last one.
+    if is_sorted(&skin.triangles, &object_of) { skin } else { sorted(&skin, &object_of) }
 }
 
 /// Whether all is in its place, and no triangle between two objects.

@@ -1,6 +1,7 @@
 //! Promises of the knife: the surface is cut with the volume, and what hangs together is one object after each sweep, whatever it was, which is registered.
 
 mod distorted;
+mod late;
 
 use super::*;
 use crate::site::SiteManager;

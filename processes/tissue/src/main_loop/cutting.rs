@@ -93,7 +93,7 @@ impl MainLoop<'_> {
 
     /// The world of a mesh that this process has changed, if everybody would take it; where its cavity is shut, with the forces that hold it so.
     pub(super) fn made(&mut self, body: Body, is_shut: bool) -> Result<World, Failure> {
-        self.workshop.make_sound(body, None, is_shut, &mut || ())
+        self.workshop.make_sound(body, (None, None), is_shut, &mut || ()).map(|(world, _)| world)
     }
 
     /// Goes on with another world; what was made for the one before is made anew.
@@ -132,19 +132,20 @@ impl MainLoop<'_> {
 
     /// Cuts with what the wire has swept; tells whether the mesh is another one now, what that removed, and what of it came free.
     fn cut(&mut self, message: &Message<'_>, hand: &Hand, nodes: (&[[f32; 3]], &[[f32; 3]])) -> Result<Change, Failure> {
-        let swept = self.knife.sweep(&self.world, hand.wire_m.as_deref(), message.section(STROKE)?, nodes);
+        let (world, wire_m, stroke) = (&*self.world, hand.wire_m.as_deref(), message.section(STROKE)?);
+        let swept = self.knife.sweep_by(world, wire_m, stroke, nodes, |loose, rest| self.workshop.bind(loose, rest), || ());
         let refused = match swept {
             Ok(Stroke::None) => return Ok(Change::default()),
             Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
-            Ok(Stroke::Cut { body, held, parted, is_limited }) => {
-                match self.workshop.make_sound(*body, Some(held), hand.is_shut(), &mut || ()) {
-                    Ok(world) => {
+            Ok(Stroke::Cut { body, held, parted, trailing, is_limited }) => {
+                match self.workshop.make_sound(*body, (Some(held), trailing), hand.is_shut(), &mut || ()) {
+                    Ok((world, out_of_room)) => {
                         let removed_ml = 1e6 * removed_m3(&self.world, &world);
                         let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
                         let healthy_ml = 1e6 * healthy_removed_m3(&self.world, &world);
                         self.take_world(world);
                         let change = Change { is_cut: true, removed_ml, freed_ml, healthy_ml, ..Change::default() };
-                        return Ok(self.limited(change, is_limited));
+                        return Ok(self.limited(change, is_limited || out_of_room > 0));
                     }
                     Err(error) => error.to_string(),
                 }

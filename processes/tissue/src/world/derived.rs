@@ -6,10 +6,11 @@ use crate::drift::Drifter;
 use crate::knife::{Filled, Filling};
 use crate::points::{ContactPoints, Telling};
 use crate::site::object;
+use crate::volumes::Volumes;
 use hyst_contact::{Topology, TopologyMaker};
 use hyst_engine::Failure;
 use hyst_messages::stream::{ObjectKind, ObjectRecord};
-use hyst_tissue::{Attachment, Model};
+use hyst_tissue::{Attachment, Model, Skin};
 use std::sync::{Arc, OnceLock};
 
 /// What a world has beside its body and the model of that.
@@ -22,15 +23,18 @@ pub(super) struct Derived {
     wall: Vec<[u32; 3]>,
     objects: Vec<ObjectRecord>,
     filled: Filled,
+    /// The surface of a body that has none yet.
+    skin: Option<Skin>,
 }
 
 impl Derived {
-    /// Calls `passed` before the body is packed.
+    /// `come` gives the surface of a body that has none yet, and is asked once all is made that does without. Calls `passed` before that and behind it.
     pub(super) fn of(
         case: &Case,
-        faces: &mut TopologyMaker,
+        (faces, volumes): (&mut TopologyMaker, &mut Volumes),
         body: &Body,
         held: Option<Held>,
+        come: impl FnOnce() -> Option<Skin>,
         passed: &mut impl FnMut(),
     ) -> Result<Derived, Failure> {
         let made = faces.make(&body.rest.tets, &body.rest.regions, &body.rest.positions_m);
@@ -38,12 +42,16 @@ impl Derived {
         let held = held.unwrap_or_else(|| case.held(body));
         let is_object_held = held.objects(body);
         let wall = wall(case, body, &topology, (&held.is_held, &is_object_held));
-        let objects = objects(case, body, &is_object_held);
+        let mut objects = objects(case, body, &is_object_held);
         let attachments = held.attachments;
         let mut points = ContactPoints::of(case, body, &topology, &objects, &attachments)?;
         passed();
-        let words = body.pack();
-        let (mut filling, mut telling) = (Filling::of(case, body, &objects), Telling::of(body));
+        let come = come();
+        let skin = come.as_ref().unwrap_or(&body.skin);
+        count_surface(&mut objects, body, skin);
+        passed();
+        let words = body.pack_under(skin);
+        let (mut filling, mut telling) = (Filling::of(case, body, &objects, volumes), Telling::of(body));
         let version = version_beside(&words, || {
             // Once for each block of words; what is left then is done at once.
             if !filling.add() {
@@ -52,12 +60,15 @@ impl Derived {
         });
         let filled = filling.ended();
         points.of_tets = telling.ended();
-        Ok(Derived { words, version, topology, attachments, points, wall, objects, filled })
+        Ok(Derived { words, version, topology, attachments, points, wall, objects, filled, skin: come })
     }
 
     /// The world of that body, with its model, and with the forces that hold its cavity shut where they are made already.
-    pub(super) fn with(self, case: &Arc<Case>, body: Body, model: Model, shut_n: Option<Vec<[f32; 3]>>) -> World {
-        let Derived { words, version, topology, attachments, points, wall, objects, filled } = self;
+    pub(super) fn with(self, case: &Arc<Case>, mut body: Body, model: Model, shut_n: Option<Vec<[f32; 3]>>) -> World {
+        let Derived { words, version, topology, attachments, points, wall, objects, filled, skin } = self;
+        if let Some(skin) = skin {
+            body.skin = skin;
+        }
         World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
@@ -108,21 +119,27 @@ fn runs(objects_of: impl Iterator<Item = Option<u32>>, mut note: impl FnMut(u32,
     }
 }
 
-/// The records of all objects of a body, of which some are held, and of the instruments.
+/// Adds to the first place and the number of what an object has of something.
+fn add([first, sum]: &mut [u32; 2], place: u32, number: u32) {
+    *first = if *sum == 0 { place } else { *first };
+    *sum += number;
+}
+
+/// Says of each object of a body, by its record, where it has its part of a surface.
+fn count_surface(objects: &mut [ObjectRecord], body: &Body, skin: &Skin) {
+    let of_vertex: Vec<u32> = skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
+    let of_triangle = skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
+    runs(of_triangle, |object, first, number| add(&mut objects[object as usize].triangles, first, number));
+    runs(of_vertex.into_iter().map(Some), |object, first, number| add(&mut objects[object as usize].vertices, first, number));
+}
+
+/// The records of all objects of a body, of which some are held, and of the instruments; where each has its part of the surface is not in them yet.
 fn objects(case: &Case, body: &Body, is_object_held: &[bool]) -> Vec<ObjectRecord> {
     let count = body.origin.len();
-    let mut counts = vec![[[0u32; 2]; 4]; count];
-    let mut note = |what: usize, object: u32, first: u32, number: u32| {
-        let [at, sum] = &mut counts[object as usize][what];
-        *at = if *sum == 0 { first } else { *at };
-        *sum += number;
-    };
-    let of_vertex: Vec<u32> = body.skin.bindings.iter().map(|binding| body.rest.regions[binding.tet as usize]).collect();
-    runs(body.rest.regions.iter().map(|object| Some(*object)), |object, first, number| note(0, object, first, number));
-    runs(of_vertex.iter().map(|object| Some(*object)), |object, first, number| note(1, object, first, number));
-    let of_triangle = body.skin.triangles.iter().map(|triangle| Some(of_vertex[triangle[0] as usize]));
-    runs(of_triangle, |object, first, number| note(2, object, first, number));
-    runs(body.owners().into_iter(), |object, first, number| note(3, object, first, number));
+    let (mut tets, mut nodes) = (vec![[0u32; 2]; count], vec![[0u32; 2]; count]);
+    let of_tets = body.rest.regions.iter().copied().map(Some);
+    runs(of_tets, |object, first, number| add(&mut tets[object as usize], first, number));
+    runs(body.owners().into_iter(), |object, first, number| add(&mut nodes[object as usize], first, number));
     let deformable = (0..count).map(|index| {
         let (name, kind) = &case.objects[body.origin[index] as usize];
         let is_of_scene = case.is_of_scene(index as u32);
@@ -130,8 +147,7 @@ fn objects(case: &Case, body: &Body, is_object_held: &[bool]) -> Vec<ObjectRecor
         // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
         let is_free = !(is_object_held[index] || is_of_scene && *kind == ObjectKind::Organ);
         let kind = if is_free { ObjectKind::FreePiece } else { *kind };
-        let [tets, vertices, triangles, nodes] = counts[index];
-        ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }
+        ObjectRecord { nodes: nodes[index], tets: tets[index], ..object(&name, kind, index as u32) }
     });
     let rigid = case.rigid.iter().enumerate().map(|(index, name)| object(name, ObjectKind::Tool, (count + index) as u32));
     deformable.chain(rigid).collect()

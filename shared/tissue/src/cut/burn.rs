@@ -4,8 +4,9 @@ use super::places::corners;
 use super::{CutOptions, CutReport, Cuttable};
 use hyst_mesh::{component_count, component_of_each_tet, renumber, signed_volume};
 
-/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
-pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
+/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is. Gives the new number
+/// of each tet that is left, where something was burnt: the surface for the eye, which may be elsewhere, is yet to be rid of what lay there.
+pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) -> Option<Vec<Option<u32>>> {
     let mut part = component_of_each_tet(&tissue.rest);
     let parts = component_count(&part);
     // What is large enough is not summed up further: no tet takes anything from it.
@@ -21,10 +22,11 @@ pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport)
     let least = volume_m3.iter().copied().fold(0.0, f64::max).min(enough_m3);
     report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
     report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
+    let mut number_of_tet = None;
     if report.parts < parts {
         let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
         report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
-        tissue.skin.without_tets(&renumber(&is_kept));
+        number_of_tet = Some(renumber(&is_kept));
         retain(&mut tissue.rest.tets, &is_kept);
         retain(&mut tissue.material, &is_kept);
         retain(&mut tissue.rest.regions, &is_kept);
@@ -35,6 +37,7 @@ pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport)
         part.iter_mut().for_each(|part| *part = number[*part as usize].unwrap_or_default());
     }
     tissue.part_of_tet = part;
+    number_of_tet
 }
 
 fn retain<T>(list: &mut Vec<T>, is_kept: &[bool]) {

@@ -27,8 +27,9 @@ pub fn joined(tets: &[[u32; 4]]) -> Vec<[u32; 4]> {
     let mut last_at: Vec<u32> = vec![NONE; slots];
     let mut faces: Vec<Met> = Vec::with_capacity(3 * tets.len());
     for (index, nodes) in (0..).zip(tets) {
-        for (face, places) in (0..).zip(FACES) {
-            let nodes = sorted(places.map(|place| nodes[place]));
+        // By reference: a list of lists that is gone through by value is copied twice for each of them.
+        for (face, [a, b, c]) in (0..).zip(&FACES) {
+            let nodes = sorted([nodes[*a], nodes[*b], nodes[*c]]);
             let place: u32 = 4 * index + face;
             let last = &mut last_at[(mixed(nodes) >> shift) as usize];
             let mut met = *last;

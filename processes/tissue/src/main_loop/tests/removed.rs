@@ -5,6 +5,7 @@ use super::pieces::{middle_m, part, parted};
 use super::*;
 use crate::body::{Body, Piece};
 use crate::knife::{Filling, freed_m3, healthy_removed_m3, register_parts, removed_m3};
+use crate::volumes::Volumes;
 use hyst_mesh::component_of_each_tet;
 use hyst_tissue::Isa;
 
@@ -24,7 +25,7 @@ fn only(body: &Body, is_kept: impl Fn(usize) -> bool) -> Body {
 
 /// Fills a world with another body of the same objects.
 fn fill(world: &mut World, body: Body) {
-    world.filled = Filling::of(&world.case, &body, &world.objects).ended();
+    world.filled = Filling::of(&world.case, &body, &world.objects, &mut Volumes::default()).ended();
     world.body = body;
 }
 
