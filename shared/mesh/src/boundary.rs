@@ -90,7 +90,8 @@ pub fn component_of_each_triangle(mesh: &TriangleMesh) -> Vec<u32> {
     components(mesh.positions_m.len(), &mesh.triangles)
 }
 
-fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
+/// For each cell of so many nodes the number of its component.
+pub(crate) fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut sets = Sets::new(nodes);
     cells.iter().for_each(|cell| sets.join_all(cell));
     let mut number_of_root = vec![u32::MAX; nodes];

@@ -194,7 +194,7 @@ impl Report {
         extent(self.min_m, self.max_m)
     }
 
-    /// True if there is nothing that [`repair`](crate::repair()) would change or could not change.
+    /// True if there is nothing that [`repair`](crate::repair()) would change or could not change, but for parts that touch with whole faces, which it joins.
     pub fn is_sound(&self) -> bool {
         let lists = [&self.not_finite, &self.out_of_range, &self.inverted, &self.flat, &self.duplicate, &self.unused_nodes];
         let counts = [self.crowded_faces, self.open_edges, self.non_manifold_edges, self.non_manifold_vertices];

@@ -13,15 +13,23 @@ pub fn signed_volume([a, b, c, d]: [DVec3; 4]) -> f64 {
     (b - a).cross(c - a).dot(d - a) / 6.0
 }
 
+/// The six edges of a tet.
+pub(crate) fn edges([a, b, c, d]: [DVec3; 4]) -> [DVec3; 6] {
+    [b - a, c - a, d - a, c - b, d - b, d - c]
+}
+
+/// Whether a tet has no volume that a model could use: zero, within the rounding of its coordinates, or too little for its size.
+pub(crate) fn is_without_volume(corners: [DVec3; 4]) -> bool {
+    signed_volume(corners).abs() <= volume_rounding(corners) || is_too_flat(corners)
+}
+
 /// Quality of a tet, from 0 (flat) to 1 (regular): 6 √2 |V| / l³ with l the root mean square of its six edges. Sliver, wedge, cap and
 /// needle all come near 0.
 ///
 /// Parthasarathy, Graichen and Hathaway, “A comparison of tetrahedron quality measures”, Finite Elements in Analysis and Design 15
 /// (1994); it is the mean ratio to the power 3/2.
 pub fn quality(corners: [DVec3; 4]) -> f64 {
-    let [a, b, c, d] = corners;
-    let edges = [b - a, c - a, d - a, c - b, d - b, d - c];
-    let mean_square = edges.iter().map(|edge| edge.length_squared()).sum::<f64>() / 6.0;
+    let mean_square = edges(corners).iter().map(|edge| edge.length_squared()).sum::<f64>() / 6.0;
     if mean_square <= 0.0 {
         return 0.0;
     }
@@ -33,9 +41,7 @@ const FLATNESS_MIN: f64 = 1e-7;
 
 /// Whether a tet, whichever way round it is, is too flat for a simulation in single precision.
 pub fn is_too_flat(corners: [DVec3; 4]) -> bool {
-    let [a, b, c, d] = corners;
-    let edges = [b - a, c - a, d - a, c - b, d - b, d - c];
-    let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
+    let longest = edges(corners).iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
     signed_volume(corners).abs() <= FLATNESS_MIN * longest.powi(3)
 }
 
@@ -46,7 +52,7 @@ pub(crate) fn count(number: usize, what: &str) -> String {
 
 /// The largest volume in m³ that the rounding of the corners to single precision can explain: half a unit in the last place of the
 /// largest coordinate, times half the area of the faces. A tet below it has no known orientation.
-pub(crate) fn volume_rounding(corners: [DVec3; 4]) -> f64 {
+fn volume_rounding(corners: [DVec3; 4]) -> f64 {
     let [a, b, c, d] = corners;
     let faces = [(b - a).cross(c - a), (b - a).cross(d - a), (c - a).cross(d - a), (c - b).cross(d - b)];
     let area: f64 = faces.iter().map(|normal| normal.length() / 2.0).sum();

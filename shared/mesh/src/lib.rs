@@ -15,6 +15,7 @@ mod error;
 mod formats;
 mod geometry;
 mod lists;
+mod merge;
 mod read;
 mod repair;
 mod text;

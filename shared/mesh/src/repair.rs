@@ -1,17 +1,27 @@
 //! Makes a tet mesh fit for a simulation, and says what it did.
 //!
-//! After a repair: every tet has a positive volume that is more than rounding, and enough for its size that a model can be made of it ([`is_too_flat`]); no two
-//! tets have the same nodes, every node is used.
+//! After a repair: every tet has a positive volume that is more than rounding, and enough for its size that a model can be made of it ([`crate::is_too_flat`]);
+//! no two tets have the same nodes, every node is used, and parts that touch with whole faces have their nodes there in common ([`merged`]).
 //! Flat tets with a real volume stay: taking one out would tear a slit into the tissue. They are reported.
 
 use crate::check::{FLAT_QUALITY, duplicate_tets, unused_nodes};
-use crate::geometry::{corners, count, is_too_flat, quality, signed_volume, volume_rounding};
+use crate::geometry::{corners, count, is_without_volume, quality, signed_volume};
+use crate::merge::merged;
 use crate::types::TetMesh;
 use std::fmt;
 
 /// One thing that a repair did, or left for a reason. `to_string` makes a sentence of it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Repair {
+    /// Nodes of parts that touched without common nodes were made one with others at the same places, where a boundary face of one lay on one of another.
+    MergedNodes {
+        /// How many.
+        nodes: usize,
+        /// At how many faces.
+        faces: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
     /// Inverted tets had two nodes exchanged.
     Flipped {
         /// How many.
@@ -54,6 +64,12 @@ pub enum Repair {
 impl fmt::Display for Repair {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Repair::MergedNodes { nodes, faces, first } => write!(
+                out,
+                "merged {} with others at the same places: at {} parts touched without common nodes (first: node {first})",
+                count(*nodes, "node"),
+                count(*faces, "face")
+            ),
             Repair::Flipped { tets, of } if tets == of && *of > 1 => {
                 write!(out, "turned round all {tets} tets: they were inverted, as some programs write them")
             }
@@ -84,7 +100,7 @@ pub struct Repaired {
     pub mesh: TetMesh,
     /// What was done, in this order. Empty if the mesh was sound.
     pub repairs: Vec<Repair>,
-    /// For each former node its index now, or `None` if it was dropped.
+    /// For each former node its index now, that of another one if it was merged with it, or `None` if it was dropped.
     pub node_map: Vec<Option<u32>>,
     /// For each former tet its index now, or `None` if it was dropped.
     pub tet_map: Vec<Option<u32>>,
@@ -130,7 +146,8 @@ pub enum RepairError {
     },
 }
 
-/// Repairs a mesh: flips inverted tets, drops duplicates, tets without volume and nodes without tets, and keeps the order of the rest.
+/// Repairs a mesh: merges the nodes of parts that touch with whole faces, flips inverted tets, drops duplicates, tets without volume and nodes without
+/// tets, and keeps the order of the rest.
 ///
 /// # Errors
 /// A [`RepairError`] for what no repair can cure.
@@ -140,6 +157,7 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
     let mut repairs = Vec::new();
     let mut keep = vec![true; tets.len()];
 
+    let node_of = merge_touching(&positions_m, &mut tets, &mut repairs);
     let duplicates = duplicate_tets(&tets);
     duplicates.iter().for_each(|&tet| keep[tet as usize] = false);
     if let Some(&first) = duplicates.first() {
@@ -155,9 +173,10 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
         repairs.push(Repair::Flipped { tets: flipped, of: left });
     }
     let tet_map = renumber(&keep);
-    let (mesh, node_map) = keep_tets(TetMesh { positions_m, tets, regions }, &keep);
+    let (mesh, kept) = keep_tets(TetMesh { positions_m, tets, regions }, &keep);
+    let node_map: Vec<Option<u32>> = node_of.iter().map(|node| kept[*node as usize]).collect();
     if let Some(first) = node_map.iter().position(Option::is_none) {
-        let nodes = node_map.len() - mesh.positions_m.len();
+        let nodes = node_map.iter().filter(|node| node.is_none()).count();
         repairs.push(Repair::DroppedUnusedNodes { nodes, first: first as u32 });
     }
     Ok(Repaired { mesh, repairs, node_map, tet_map })
@@ -200,6 +219,19 @@ fn refuse_broken(mesh: &TetMesh) -> Result<(), RepairError> {
     broken.map_or(Ok(()), |node| Err(RepairError::NotFinite { node: node as u32 }))
 }
 
+/// Gives parts that touch with whole faces their nodes there in common. For each node the one that it is now: itself, or one before it.
+fn merge_touching(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], repairs: &mut Vec<Repair>) -> Vec<u32> {
+    // What will be dropped joins nothing, and lies on neither side of a face.
+    let solid: Vec<[u32; 4]> = tets.iter().copied().filter(|tet| !is_without_volume(corners(positions_m, *tet))).collect();
+    let (node_of, faces) = merged(positions_m, &solid);
+    let mut moved = node_of.iter().zip(0..).filter(|(now, node)| *now != node).map(|(_, node)| node);
+    if let Some(first) = moved.next() {
+        repairs.push(Repair::MergedNodes { nodes: 1 + moved.count(), faces, first });
+        tets.as_flattened_mut().iter_mut().for_each(|node| *node = node_of[*node as usize]);
+    }
+    node_of
+}
+
 fn drop_flat(positions_m: &[[f32; 3]], tets: &[[u32; 4]], keep: &mut [bool], repairs: &mut Vec<Repair>) {
     let mut dropped: Vec<u32> = Vec::new();
     let mut flat: Vec<(f64, u32)> = Vec::new();
@@ -208,7 +240,7 @@ fn drop_flat(positions_m: &[[f32; 3]], tets: &[[u32; 4]], keep: &mut [bool], rep
         if !keep[index] {
             continue;
         }
-        if signed_volume(corners).abs() <= volume_rounding(corners) || is_too_flat(corners) {
+        if is_without_volume(corners) {
             keep[index] = false;
             dropped.push(index as u32);
         } else if quality(corners) < FLAT_QUALITY {

@@ -21,7 +21,7 @@ pub struct Scene {
     /// What deforms: at least one, the first is the cavity or the organ that the instrument meets.
     #[serde(default)]
     pub deformable: Vec<Deformable>,
-    /// Instruments: at least one, the first is held by the hand.
+    /// Instruments: exactly one, which the hand holds.
     #[serde(default)]
     pub rigid: Vec<Rigid>,
     /// The pivot and the limits of the hand.
@@ -120,7 +120,7 @@ fn roughness() -> f64 {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Material {
-    /// Young's modulus, above 0 and at most 1e9 Pa.
+    /// Young's modulus, 1 to 1e9 Pa.
     pub youngs_modulus_pa: f64,
     /// Poisson ratio, 0 to 0.49.
     pub poisson_ratio: f64,

@@ -19,7 +19,7 @@ pub struct LoadedScene {
     pub origin: String,
     /// The deformable objects, in the scene's order.
     pub objects: Vec<LoadedDeformable>,
-    /// The instruments, in the scene's order; the first is held by the hand.
+    /// The instruments: exactly one, which the hand holds.
     pub rigid: Vec<LoadedRigid>,
     /// Pivot and limits.
     pub workspace: LoadedWorkspace,

@@ -138,7 +138,7 @@ impl RawObject {
         notes.extend(repaired.repairs.iter().map(|repair| format!("{}: {repair}", object.name)));
         let (mesh, crumbs) = parts::without_crumbs(repaired.mesh).map_err(|parts| {
             let what = format!("has {parts} parts that hang apart, at most {MAX_PARTS} are told apart");
-            let cure = "give parts that touch the same nodes, or leave small ones out";
+            let cure = "give parts whose faces fit each other, or leave small ones out";
             SceneError::new(Kind::BadMesh, format!("deformable[{index}].mesh"), what, cure).at(&self.mesh_name)
         })?;
         if crumbs > 0 {

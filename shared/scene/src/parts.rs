@@ -89,7 +89,7 @@ pub(crate) fn notes(object: &LoadedDeformable) -> Vec<String> {
     let mut notes = vec![if free == 0 {
         format!("{said}; each is held")
     } else {
-        let (mm3, cure) = (1e9 * loose_m3(object), "hold them, leave them out, or give parts that touch the same nodes");
+        let (mm3, cure) = (1e9 * loose_m3(object), "hold them, leave them out, or give parts whose faces fit each other");
         format!("{said}; nothing holds {free} of them ({mm3:.1} mm³), which are loose from the beginning: {cure}")
     }];
     let part = |vertex: u32| part_of_tet[object.bindings[vertex as usize].tet as usize];

@@ -32,7 +32,7 @@ pub struct MaterialRegion {
     pub name: String,
     /// Which tets are of it: those of each entry.
     pub tets: Vec<Part>,
-    /// Young's modulus, above 0 and at most 1e9 Pa.
+    /// Young's modulus, 1 to 1e9 Pa.
     pub youngs_modulus_pa: Option<f64>,
     /// Poisson ratio, 0 to 0.49.
     pub poisson_ratio: Option<f64>,

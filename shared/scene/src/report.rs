@@ -230,7 +230,7 @@ impl ObjectReport {
                 self.components.saturating_sub(1),
                 "part beside the first, hanging apart",
                 "parts beside the first, hanging apart",
-                "each an object of its own, if the repair leaves it; what holds them is said below",
+                "one with it where whole faces touch, else each an object of its own, if the repair leaves it; what holds them is said below",
             ),
             (self.open_edges, "open boundary edge", "open boundary edges", "kept; the contact there is one-sided"),
             (

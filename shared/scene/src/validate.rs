@@ -116,12 +116,7 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
 
 /// The figures of a material, whose keys are in the table of this key.
 pub(crate) fn stuff(material: &Material, key: &str) -> Checked {
-    if material.youngs_modulus_pa <= 0.0 {
-        let what = format!("is {} Pa, allowed is above 0 to 1e9 Pa", material.youngs_modulus_pa);
-        let cure = "give a value in this range; soft tissue has 1e3 to 1e6 Pa";
-        return Err(SceneError::new(Kind::Range, format!("{key}.youngs_modulus_pa"), what, cure));
-    }
-    range(format!("{key}.youngs_modulus_pa"), material.youngs_modulus_pa, 0.0, 1e9, "Pa")?;
+    range(format!("{key}.youngs_modulus_pa"), material.youngs_modulus_pa, 1.0, 1e9, "Pa")?;
     range(format!("{key}.poisson_ratio"), material.poisson_ratio, 0.0, 0.49, "")?;
     range(format!("{key}.density_kg_m3"), material.density_kg_m3, 100.0, 20_000.0, "kg/m³")?;
     range(format!("{key}.damping_per_s"), material.damping_per_s, 0.0, 1e4, "1/s")

@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 63] = [
+const CASES: [(&str, &str, Kind, usize, &str); 64] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -48,6 +48,7 @@ const CASES: [(&str, &str, Kind, usize, &str); 63] = [
     ("scale_to_m = 0.001", "fixed = [{ outer_shell = 0.9 }]", Kind::Range, 6, "deformable[0].fixed[0].outer_shell"),
     ("scale_to_m = 0.001", "kind = \"tumour\"", Kind::UnknownKey, 6, "deformable[0].kind"),
     ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = 0.0", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
+    ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = 0.999", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
     ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = -5.0", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
     ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = 1.1e9", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
     ("youngs_modulus_pa = 3e4", "poisson_ratio = 0.5", Kind::Range, 8, "deformable[0].material.poisson_ratio"),
@@ -252,7 +253,7 @@ fn a_seed_and_a_grid_are_whole_and_changes_of_the_pump_are_bounded() {
 
 #[test]
 fn a_range_error_names_what_is_allowed_and_an_unknown_key_what_there_is() {
-    assert!(error_with("3e4", "2e9").to_string().contains("0 to 1000000000 Pa"));
+    assert!(error_with("3e4", "2e9").to_string().contains("allowed is 1 to 1000000000 Pa"));
     let text = error_with("scale_to_m", "scale").to_string();
     assert!(text.contains("`scale`") && text.contains("`scale_to_m`"), "{text}");
 }

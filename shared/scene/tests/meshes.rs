@@ -2,57 +2,11 @@
 #![allow(missing_docs)]
 
 mod folder;
+mod organ;
 
 use folder::Folder;
-use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, load};
-
-impl Folder {
-    /// Loads a scene of one deformable table and one instrument.
-    fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
-        self.load_with(deformable, "")
-    }
-
-    /// The same with more of the instrument.
-    fn load_with(&self, deformable: &str, rigid: &str) -> Result<LoadedScene, SceneError> {
-        let text = format!(
-            "version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n{rigid}\n"
-        );
-        load(&self.file("scene.toml", &text))
-    }
-}
-
-/// A block of n³ cubes of six tets each as Gmsh 2.2, its side `side` units long, moved by `shift` on every axis.
-fn block(n: u32, side: f64, shift: f64) -> String {
-    let mut nodes = String::new();
-    let id = |x: u32, y: u32, z: u32| 1 + x + (n + 1) * (y + (n + 1) * z);
-    for z in 0..=n {
-        for y in 0..=n {
-            for x in 0..=n {
-                let at = [x, y, z].map(|i| shift + side * f64::from(i) / f64::from(n));
-                nodes += &format!("{} {} {} {}\n", id(x, y, z), at[0], at[1], at[2]);
-            }
-        }
-    }
-    let mut tets = String::new();
-    let mut count = 0;
-    for (x, y, z) in (0..n).flat_map(|x| (0..n).flat_map(move |y| (0..n).map(move |z| (x, y, z)))) {
-        for [i, j] in [[0, 1], [1, 0], [1, 2], [2, 1], [0, 2], [2, 0]] {
-            let mut corner = [x, y, z];
-            let mut tet = vec![id(x, y, z)];
-            for axis in [i, j] {
-                corner[axis] += 1;
-                tet.push(id(corner[0], corner[1], corner[2]));
-            }
-            tet.push(id(x + 1, y + 1, z + 1));
-            count += 1;
-            tets += &format!("{count} 4 2 1 1 {} {} {} {}\n", tet[0], tet[1], tet[2], tet[3]);
-        }
-    }
-    let nodes_count = (n + 1).pow(3);
-    format!(
-        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{nodes_count}\n{nodes}$EndNodes\n$Elements\n{count}\n{tets}$EndElements\n"
-    )
-}
+use hyst_scene::{LoadedScene, Pose, SceneErrorKind as Kind, check, load};
+use organ::{a_box, block};
 
 fn extent_m(scene: &LoadedScene) -> f32 {
     let z = scene.objects[0].mesh.positions_m.iter().map(|position| position[2]);
@@ -279,14 +233,6 @@ fn the_hash_follows_the_content() {
     assert_ne!(first.hash, folder.load("mesh = \"organ.msh\"").unwrap().hash);
 }
 
-/// A box as OBJ, from a corner to the other.
-fn a_box([x, y, z]: [f64; 3], [u, v, w]: [f64; 3]) -> String {
-    let corners = [[x, y, z], [u, y, z], [x, v, z], [u, v, z], [x, y, w], [u, y, w], [x, v, w], [u, v, w]];
-    let vertices: String = corners.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
-    let quads = [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]];
-    vertices + &quads.map(|[a, b, c, d]| format!("f {a} {b} {c}\nf {a} {c} {d}\n")).concat()
-}
-
 #[test]
 fn an_instrument_from_a_mesh_has_its_points_on_it_and_one_that_does_not_end_at_its_tip_is_refused() {
     let folder = Folder::new("instrument");
@@ -337,51 +283,4 @@ fn jaws_lie_along_their_shaft_on_one_side_of_it_and_open_no_farther_than_they_ca
         let error = load(rest).unwrap_err();
         assert!(error.kind == kind && error.to_string().contains(what) && error.key.starts_with("rigid[0].jaws"), "{error}");
     }
-}
-
-/// The numbers of a section of a Gmsh file, line by line.
-fn numbers(text: &str, section: &str) -> Vec<Vec<f64>> {
-    let (_, rest) = text.split_once(&format!("${section}\n")).unwrap();
-    let (inner, _) = rest.split_once(&format!("$End{section}")).unwrap();
-    inner.lines().skip(1).map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect()).collect()
-}
-
-/// Two blocks of 20 units in one file, the second 20 units beyond the first on each axis, and a tet without a volume that has nodes of both.
-fn two_blocks() -> String {
-    let [(mut nodes, mut tets), (other_nodes, other_tets)] =
-        [0.0, 40.0].map(|shift| block(2, 20.0, shift)).map(|text| (numbers(&text, "Nodes"), numbers(&text, "Elements")));
-    let [first_node, first_tet] = [nodes.len(), tets.len()].map(|count| count as f64);
-    nodes.extend(other_nodes.iter().map(|node| [&[node[0] + first_node][..], &node[1..]].concat()));
-    let moved = |tet: &Vec<f64>| -> Vec<f64> { tet[5..].iter().map(|node| node + first_node).collect() };
-    tets.extend(other_tets.iter().map(|tet| [&[tet[0] + first_tet][..], &tet[1..5], &moved(tet)[..]].concat()));
-    tets.push(vec![tets.len() as f64 + 1.0, 4.0, 2.0, 1.0, 1.0, 1.0, 2.0, 3.0, first_node + 1.0]);
-    let section = |name: &str, rows: &[Vec<f64>]| {
-        let line = |row: &Vec<f64>| row.iter().map(f64::to_string).collect::<Vec<String>>().join(" ");
-        let lines: Vec<String> = rows.iter().map(line).collect();
-        format!("${name}\n{}\n{}\n$End{name}\n", rows.len(), lines.join("\n"))
-    };
-    format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n{}{}", section("Nodes", &nodes), section("Elements", &tets))
-}
-
-#[test]
-fn what_hangs_apart_is_counted_after_the_repair_and_said_with_what_nothing_holds() {
-    let folder = Folder::new("apart");
-    folder.file("organ.msh", &two_blocks());
-    folder.file("jaw.obj", &a_box([0.0, -1.5, 0.0], [1.0, 1.5, 9.0]));
-    let load = |fixed: &str| {
-        let organ = format!("kind = \"pathology\"\nmesh = \"organ.msh\"\nscale_to_m = 0.001\nfixed = [{fixed}]");
-        folder.load_with(&organ, "jaws = { mesh = \"jaw.obj\", scale_to_m = 0.001 }").unwrap()
-    };
-    let said = |scene: &LoadedScene| scene.notes.iter().find(|note| note.contains("hang apart")).cloned().unwrap_or_default();
-    let one = load("{ below_z_m = 0.005 }");
-    let parts = ["2 parts that hang apart", "holds 1 of them (8000.0 mm³)"];
-    assert!(parts.iter().all(|part| said(&one).contains(part)), "{:?}", one.notes);
-    assert!((one.pathology_ml() - 8.0).abs() < 1e-4, "{} ml are loose", one.pathology_ml());
-    let report = check(Some(&folder.0.join("scene.toml")));
-    assert_eq!(report.objects[0].components, 1, "in the file a flat tet joins them");
-    assert!(report.to_string().contains(&said(&one)), "{report}");
-    let both = load("{ below_z_m = 0.005 }, { above_z_m = 0.055 }");
-    assert!(said(&both).ends_with("each is held"), "{:?}", both.notes);
-    assert_eq!(both.pathology_ml(), 0.0);
-    assert_eq!(said(&load("{ sphere = { centre_m = [1.0, 1.0, 1.0], radius_m = 0.01 } }")).matches("holds 2 of them").count(), 1);
 }

@@ -194,8 +194,9 @@ fn a_bed_holds_an_organ_of_which_no_node_is_fixed() {
 }
 
 /// What a region says, and the kind, the key and a part of the error that it must give.
-const BAD: [(&str, Kind, &str, &str); 16] = [
+const BAD: [(&str, Kind, &str, &str); 17] = [
     ("tets = [{ tag = 3 }]\nyoungs_modulus_pa = 0.0", Kind::Range, "youngs_modulus_pa", "is 0 Pa"),
+    ("tets = [{ tag = 3 }]\nyoungs_modulus_pa = 0.9", Kind::Range, "youngs_modulus_pa", "allowed is 1 to 1000000000 Pa"),
     ("tets = [{ tag = 3 }]\nyoungs_modulus_pa = -5e3", Kind::Range, "youngs_modulus_pa", "is -5000 Pa"),
     ("tets = [{ tag = 3 }]\nyoungs_modulus_pa = nan", Kind::Range, "youngs_modulus_pa", "not a finite number"),
     ("tets = [{ tag = 3 }]\nyoungs_modulus_pa = 1e12", Kind::Range, "youngs_modulus_pa", "is 1000000000000 Pa"),

@@ -32,6 +32,9 @@ pub struct Knife {
     pub tets: [usize; 2],
     /// Parts before and after.
     pub parts: [usize; 2],
+    /// The most that a sweep has changed of the volume beside what it burnt, as a share of it.
+    #[cfg(test)]
+    pub astray: f64,
 }
 
 fn timed<T>(times_ns: &mut Vec<u64>, work: impl FnOnce() -> T) -> T {
@@ -223,10 +226,17 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let options = CutOptions { max_nodes: room.max_nodes.max(2 * nodes), max_tets: room.max_tets.max(2 * tets), ..room };
     let mut knife = Knife { tets: [tets; 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
     for wire in wires(scene, MIDDLE)? {
+        #[cfg(test)]
+        let before_m3 = tissue.volume_m3();
         let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &options)).map_err(text)?;
         if report.has_changed_mesh() {
             timed(&mut knife.model_ns, || maker.make(&tissue.rest, &tissue.fixed)).map_err(text)?;
             timed(&mut knife.topology_ns, || topology_of(&mut faces, &tissue.rest)).map_err(text)?;
+        }
+        #[cfg(test)]
+        {
+            let changed_m3 = tissue.volume_m3() + report.burnt_m3 - before_m3;
+            knife.astray = knife.astray.max((changed_m3 / before_m3).abs());
         }
     }
     knife.tets[1] = tissue.rest.tets.len();

@@ -63,7 +63,7 @@ impl Case {
         let part_of_tet = component_of_each_tet(&body.rest);
         let (parts, most) = (component_count(&part_of_tet), self.room.objects);
         if parts > most {
-            let cure = "give parts that touch the same nodes, or leave small ones out";
+            let cure = "give parts whose faces fit each other, or leave small ones out";
             let what = format!("the scene's meshes have {parts} parts that hang apart, at most {most} are told apart; {cure}");
             return Err(Failure::Input(what));
         }

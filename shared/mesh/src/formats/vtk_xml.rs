@@ -1,6 +1,7 @@
 //! VTK's XML files for unstructured grids (`.vtu`): arrays as text, or as base64 within the file, uncompressed.
 //!
-//! Follows the chapter on file formats of VTK's user's guide. Several pieces become one mesh; their points are not merged.
+//! Follows the chapter on file formats of VTK's user's guide. Several pieces become one mesh, each with points of its own; where they touch
+//! with whole faces, [`repair`](crate::repair()) merges these.
 
 use super::builder::Builder;
 use super::vtk_binary::{Coding, Value, binary};

@@ -1,0 +1,74 @@
+//! Parts that touch without common nodes, as the pieces of a `.vtu`, or volumes that Gmsh has meshed one by one: where a boundary face of one lies on one of
+//! the other, the nodes there become one, and the two faces one within the tissue.
+//!
+//! Promise: parts that meet in a point, along an edge, or with faces of another form stay apart, and so do those that lie in each other; faces of one part that
+//! lie on each other, as the two sides of a slit, stay two. The same mesh gives the same nodes.
+
+use crate::boundary::{Sets, component_count, components, sorted_faces};
+use crate::geometry::{corners, edges, signed_volume};
+
+/// Nodes whose coordinates are the same in this share of the shortest edge are at one place. Pieces of one file have their common places to the bit, but
+/// that some programs write 1e-17 for a zero; and no tet has two nodes at one place, whatever else is in the file.
+const SAME_PLACE: f64 = 1e-6;
+
+/// A boundary face: its places in their order, its nodes in the order of these, and where it comes from (4 × tet + face).
+type Placed = ([u32; 3], [u32; 3], usize);
+
+/// For each node of a mesh the one that it is, itself or one before it, and at how many faces parts were joined. Each of the tets has a volume.
+pub(crate) fn merged(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> (Vec<u32>, usize) {
+    let part_of_tet = components(positions_m.len(), tets);
+    let mut sets = Sets::new(positions_m.len());
+    let mut joined = 0;
+    if component_count(&part_of_tet) > 1 {
+        let faces = boundary_faces(tets, &places(positions_m, tets));
+        let part = |face: &Placed| part_of_tet[face.2 / 4];
+        let is_above = |face: &Placed| is_above(positions_m, tets, face);
+        for same in faces.chunk_by(|one, other| one.0 == other.0) {
+            // Where there are more, tets lie in each other, and nobody knows which of them belong together.
+            let [one, other] = same else { continue };
+            if part(one) != part(other) && is_above(one) != is_above(other) {
+                joined += 1;
+                for (node, on_it) in one.1.iter().zip(other.1) {
+                    sets.join(*node, on_it);
+                }
+            }
+        }
+    }
+    ((0..positions_m.len() as u32).map(|node| sets.root(node)).collect(), joined)
+}
+
+/// The place of each node, by the first node that is there.
+fn places(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
+    let lengths_m = tets.iter().flat_map(|tet| edges(corners(positions_m, *tet))).map(|edge| edge.length());
+    let step_m = SAME_PLACE * lengths_m.fold(f64::INFINITY, f64::min);
+    // Two zeros are one: adding 0 takes the sign of the other away.
+    let in_steps = |coordinate_m: f32| ((f64::from(coordinate_m) / step_m).round() + 0.0).to_bits();
+    let mut nodes: Vec<([u64; 3], u32)> = positions_m.iter().map(|position| position.map(in_steps)).zip(0..).collect();
+    nodes.sort_unstable();
+    let mut place_of = vec![0; nodes.len()];
+    for same in nodes.chunk_by(|one, other| one.0 == other.0) {
+        same.iter().for_each(|(_, node)| place_of[*node as usize] = same[0].1);
+    }
+    place_of
+}
+
+/// The boundary faces, sorted by their places.
+fn boundary_faces(tets: &[[u32; 4]], place_of: &[u32]) -> Vec<Placed> {
+    let place = |node: u32| place_of[node as usize];
+    let placed = |same: &[([u32; 3], usize)]| {
+        let [(nodes, origin)] = same else { return None };
+        let mut nodes = *nodes;
+        nodes.sort_unstable_by_key(|node| place(*node));
+        Some((nodes.map(place), nodes, *origin))
+    };
+    let mut faces: Vec<Placed> = sorted_faces(tets).chunk_by(|one, other| one.0 == other.0).filter_map(placed).collect();
+    faces.sort_unstable();
+    faces
+}
+
+/// On which side of a face its tet lies, seen by the order of its places: whichever way round the tet is.
+fn is_above(positions_m: &[[f32; 3]], tets: &[[u32; 4]], (_, [a, b, c], origin): &Placed) -> bool {
+    // A face lies opposite to the corner of its number.
+    let apex = tets[origin / 4][origin % 4];
+    signed_volume(corners(positions_m, [*a, *b, *c, apex])) > 0.0
+}
