@@ -15,7 +15,7 @@ use hyst_mesh::component_of_each_tet;
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
 use hyst_scene::{LEAST_PART_M3, LoadedLoop};
-use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, Skin, cut};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Objects, Seat, Skin, cut, keep_momentum};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -90,6 +90,16 @@ impl Knife {
     /// Where the nodes are after a cut, m, and how fast, m/s.
     pub fn moved(&self) -> (&[[f32; 3]], &[[f32; 3]]) {
         (&self.tissue.position_m, &self.tissue.velocity_m_s)
+    }
+
+    /// Gives what was cut the momentum that it had by the masses of the world before, whose nodes had these velocities. `parted` are the objects that the cut
+    /// made.
+    pub fn keep_momentum(&mut self, before: &World, after: &World, parted: &[Piece], velocity_m_s: &[[f32; 3]]) {
+        let was: Vec<u32> = (0..after.body.origin.len() as u32).map(|object| was(parted, object)).collect();
+        let [had, has] = [before, after].map(|world| Objects { model: &world.model, of_tet: &world.body.rest.regions });
+        let Cuttable { velocity_m_s: moved_m_s, changed, .. } = &mut self.tissue;
+        let was = |object: u32| was.get(object as usize).copied().unwrap_or(object);
+        keep_momentum((&had, velocity_m_s), (&has, &mut moved_m_s[..]), changed, was);
     }
 
     /// Bytes of the stroke as a section of the state; none without one.
@@ -179,9 +189,12 @@ impl Knife {
                 register_parts(&world.case, &mut body, &part_of_tet)
             }
         };
-        // For want of a number something was burnt.
-        let is_limited = is_limited || body.rest.tets.len() < tets;
-        Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited })
+        // For want of a number something was burnt, and nobody knows what that took along: what is left moves as it does.
+        let is_short = body.rest.tets.len() < tets;
+        if is_short {
+            self.tissue.changed.clear();
+        }
+        Ok(Stroke::Cut { body: Box::new(body), held, parted, is_limited: is_limited || is_short })
     }
 }
 
@@ -313,12 +326,16 @@ impl<'a> Filling<'a> {
     }
 }
 
+/// The object that an object was before a cut that made these of others.
+fn was(parted: &[Piece], object: u32) -> u32 {
+    parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of)
+}
+
 /// What has come free by a cut, m³: the pathology that is free after it and was held before. What came free as a whole keeps its
 /// number, and so does the greatest part of what nothing holds any more; `parted` are the objects that the cut made. What is burnt
 /// is none of it, nor is what was free before.
 pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
-    let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
-    let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
+    let was_free = |object: u32| before.objects.get(was(parted, object) as usize).is_some_and(ObjectRecord::is_free_piece);
     let is_of_it = |object: u32| after.case.is_pathology(&after.body, object) && !was_free(object);
     let freed = |(object, record): (u32, &ObjectRecord)| record.is_free_piece() && is_of_it(object);
     let is_freed: Vec<bool> = (0..).zip(&after.objects).map(freed).collect();

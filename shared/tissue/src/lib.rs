@@ -38,7 +38,7 @@ mod state;
 mod step;
 
 pub use build::ModelMaker;
-pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
+pub use cut::{Changed, CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Objects, Seat, Skin, cut, keep_momentum};
 pub use equilibrium::holding_forces;
 pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;

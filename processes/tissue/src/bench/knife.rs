@@ -154,6 +154,7 @@ fn stroke_through(scene: &LoadedScene, isa: Isa, (place, is_shut): (f32, bool), 
                 Ok(next) => {
                     laps.pass();
                     black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted), healthy_removed_m3(&world, &next)));
+                    electrode.keep_momentum(&world, &next, &parted, nodes.1);
                     fit(&next, (&mut scratch, &mut surface, &mut contacts));
                     laps.pass();
                     cuts.add(&laps);
