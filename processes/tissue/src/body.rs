@@ -105,12 +105,13 @@ impl Body {
         [rest.positions_m.len(), rest.tets.len(), skin.rest_m.len(), skin.triangles.len(), self.origin.len()]
     }
 
-    /// As words, which are what a state carries.
+    /// With its own surface for the eye.
+    #[cfg(test)]
     pub fn pack(&self) -> Vec<u32> {
         self.pack_under(&self.skin)
     }
 
-    /// The same with another surface for the eye.
+    /// As words, which are what a state carries, with this surface for the eye.
     pub fn pack_under(&self, skin: &Skin) -> Vec<u32> {
         let counts = self.counts(skin);
         let mut words = Vec::with_capacity(words_of(&counts));

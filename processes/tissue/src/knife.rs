@@ -16,7 +16,7 @@ use hyst_mesh::{TetMesh, component_of_each_tet};
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{Controls, Pose};
 use hyst_scene::{LEAST_PART_M3, LoadedLoop};
-use hyst_tissue::{Cut, CutError, CutOptions, Cuttable, LooseSkin, Seat, Skin, cut_and_bind};
+use hyst_tissue::{Cut, CutError, CutOptions, Cuttable, LooseSkin, Objects, Seat, Skin, cut_and_bind, keep_momentum};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -95,6 +95,16 @@ impl Knife {
         (&self.tissue.position_m, &self.tissue.velocity_m_s)
     }
 
+    /// Gives what was cut the momentum that it had by the masses of the world before, whose nodes had these velocities. `parted` are the objects that the cut
+    /// made.
+    pub fn keep_momentum(&mut self, before: &World, after: &World, parted: &[Piece], velocity_m_s: &[[f32; 3]]) {
+        let was: Vec<u32> = (0..after.body.origin.len() as u32).map(|object| was(parted, object)).collect();
+        let [had, has] = [before, after].map(|world| Objects { model: &world.model, of_tet: &world.body.rest.regions });
+        let Cuttable { velocity_m_s: moved_m_s, changed, .. } = &mut self.tissue;
+        let was = |object: u32| was.get(object as usize).copied().unwrap_or(object);
+        keep_momentum((&had, velocity_m_s), (&has, &mut moved_m_s[..]), changed, was);
+    }
+
     /// Bytes of the stroke as a section of the state; none without one.
     pub fn stroke_bytes(&self) -> usize {
         let marks = if self.tissue.wire.is_empty() { 0 } else { self.tissue.marks.len() };
@@ -110,10 +120,8 @@ impl Knife {
         }
     }
 
-    /// Goes on with a stroke, or begins one, or ends it. `stroke` is the section of the state that is read.
-    ///
-    /// # Errors
-    /// What the cut refuses; the tissue is as before then, and the stroke is over.
+    /// For who has the surface bound at once.
+    #[cfg(test)]
     pub fn sweep(
         &mut self,
         world: &World,
@@ -124,10 +132,11 @@ impl Knife {
         self.sweep_by(world, wire_m, stroke, nodes, Coming::at_once, || ())
     }
 
-    /// The same for who may have the surface bound elsewhere, and wants to know when something is cut, and its parts are yet to be named.
+    /// Goes on with a stroke, or begins one, or ends it, for who may have the surface bound elsewhere, and wants to know when something is cut, and its parts
+    /// are yet to be named. `stroke` is the section of the state that is read.
     ///
     /// # Errors
-    /// As [`Knife::sweep`].
+    /// What the cut refuses; the tissue is as before then, and the stroke is over.
     pub fn sweep_by(
         &mut self,
         world: &World,
@@ -190,8 +199,12 @@ impl Knife {
         let part_of_tet = if known.len() == tets { known } else { component_of_each_tet(&body.rest) };
         let coming = coming.map(|coming| (coming, body.rest.regions.clone()));
         let (parted, held) = register_parts(&world.case, &mut body, &part_of_tet);
-        // For want of a number something was burnt.
-        let is_limited = report.out_of_room > 0 || body.rest.tets.len() < tets;
+        // For want of a number something was burnt, and nobody knows what that took along: what is left moves as it does.
+        let is_short = body.rest.tets.len() < tets;
+        if is_short {
+            tissue.changed.clear();
+        }
+        let is_limited = report.out_of_room > 0 || is_short;
         let has_named = !parted.is_empty();
         let trailing = coming.map(|(coming, regions)| Trailing::new(coming, part_of_tet, has_named.then_some(regions)));
         Stroke::Cut { body: Box::new(body), held, parted, trailing: trailing.map(Box::new), is_limited }
@@ -334,12 +347,16 @@ impl<'a> Filling<'a> {
     }
 }
 
+/// The object that an object was before a cut that made these of others.
+fn was(parted: &[Piece], object: u32) -> u32 {
+    parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of)
+}
+
 /// What has come free by a cut, m³: the pathology that is free after it and was held before. What came free as a whole keeps its
 /// number, and so does the greatest part of what nothing holds any more; `parted` are the objects that the cut made. What is burnt
 /// is none of it, nor is what was free before.
 pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
-    let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
-    let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
+    let was_free = |object: u32| before.objects.get(was(parted, object) as usize).is_some_and(ObjectRecord::is_free_piece);
     let is_of_it = |object: u32| after.case.is_pathology(&after.body, object) && !was_free(object);
     let freed = |(object, record): (u32, &ObjectRecord)| record.is_free_piece() && is_of_it(object);
     let is_freed: Vec<bool> = (0..).zip(&after.objects).map(freed).collect();

@@ -8,9 +8,9 @@
 //!
 //! Promises, each a property test (`tests/cutting`, `tests/cuts_through`, `tests/momentum`): the volume of each region and material is kept, but for
 //! pieces that were burnt away; every tet keeps a positive volume at rest and a quality above a bound; the boundary stays a 2-manifold, for faces that
-//! would spoil it stay closed; momentum is kept by volume, and so for tissue of one density and without the mass that a model adds for its step; what is
-//! burnt takes its own along, and what is left moves as it would; held nodes stay where they are; same tissue, same sweep: same bits. Everything that a
-//! later tick needs is in the [`Cuttable`], which is plain data: whoever holds it continues.
+//! would spoil it stay closed; momentum is kept by volume, and by the masses of the models before and after once [`keep_momentum`] has been asked for it;
+//! what is burnt takes its own along; held nodes stay where they are; same tissue, same sweep: same bits. Everything that a later tick needs is in the
+//! [`Cuttable`], which is plain data: whoever holds it continues.
 
 mod burn;
 mod cells;
@@ -18,6 +18,7 @@ mod enclosed;
 mod fans;
 mod joined;
 mod loose;
+mod momentum;
 mod neighbourhood;
 mod places;
 mod refine;
@@ -34,6 +35,7 @@ use refine::Work;
 use sheet::Sheet;
 
 pub use loose::{BoundSkin, Cut, LooseSkin};
+pub use momentum::{Changed, Objects, keep_momentum};
 pub use skin::Skin;
 pub use wire::Seat;
 
@@ -59,6 +61,8 @@ pub struct Cuttable {
     /// The part of each tet after the last cut, numbered as [`component_of_each_tet`](hyst_mesh::component_of_each_tet) does; empty if that left the mesh as it
     /// was.
     pub part_of_tet: Vec<u32>,
+    /// What the last cut has done to each region of which it has changed a tet, in the order of the regions; empty if it left the mesh as it was.
+    pub changed: Vec<Changed>,
 }
 
 /// How a cut is made.
@@ -222,6 +226,7 @@ impl Cuttable {
             wire: Vec::new(),
             skin: Skin::default(),
             part_of_tet: Vec::new(),
+            changed: Vec::new(),
             rest,
         }
     }
@@ -331,6 +336,7 @@ pub fn cut_and_bind<S>(
     }
     tissue.part_of_tet.clear();
     let mut bound = None;
+    tissue.changed.clear();
     if !near.is_empty() {
         let (before_m, before) = (tissue.rest.positions_m.clone(), tissue.rest.tets.clone());
         let mut skin = std::mem::take(&mut tissue.skin);
@@ -341,6 +347,7 @@ pub fn cut_and_bind<S>(
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
         let changed = changed(&before_m, &before, work.touched, &tissue.rest);
+        tissue.note_changed(&changed);
         bound = Some(bind(LooseSkin::of(skin, changed, opened, options), &tissue.rest));
     }
     let number = if report.has_changed_mesh() { burn(tissue, options, &mut report) } else { None };

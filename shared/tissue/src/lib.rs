@@ -39,7 +39,8 @@ mod step;
 
 pub use build::ModelMaker;
 pub use cut::{
-    BoundSkin, Cut, CutError, CutOptions, CutReport, Cuttable, LooseSkin, MAX_WIRE_POINTS, Seat, Skin, cut, cut_and_bind,
+    BoundSkin, Changed, Cut, CutError, CutOptions, CutReport, Cuttable, LooseSkin, MAX_WIRE_POINTS, Objects, Seat, Skin, cut,
+    cut_and_bind, keep_momentum,
 };
 pub use equilibrium::holding_forces;
 pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};

@@ -6,7 +6,7 @@ use common::block;
 use common::cuts::{bar, momentum, parts, shape, shipped, straight, sweep};
 use glam::{Quat, Vec3};
 use hyst_mesh::{TetMesh, check, component_of_each_tet};
-use hyst_tissue::{CutOptions, Cuttable, cut};
+use hyst_tissue::{CutOptions, CutReport, Cuttable, cut};
 
 /// Numbers from −1 to 1.
 fn direction(random: &mut impl FnMut() -> f32) -> Vec3 {
@@ -138,6 +138,45 @@ fn tissue_that_is_pushed_through_a_wire_is_cut_by_it() {
     }
     cut(&mut tissue, &wire, &CutOptions::default()).unwrap();
     assert_eq!(parts(&tissue.rest), 2);
+}
+
+/// How far a chip goes in a tick, m: it sinks with 42 mm/s.
+const SINKS_M: f32 = 42e-6;
+
+#[test]
+fn a_wire_that_rests_half_in_a_block_splits_nothing_while_a_chip_drifts_by() {
+    let mut tissue = bar();
+    let first = tissue.rest.positions_m.len() as u32;
+    // The chip, another object, is above the end of the wire, which lies 0.2 mm above the block there, farther from its nodes.
+    let chip = [[0.0160, 0.0045, 0.0128], [0.0180, 0.0045, 0.0128], [0.0170, 0.0055, 0.0128], [0.0170, 0.0048, 0.0145]];
+    let Cuttable { rest, position_m, velocity_m_s, fixed, marks, .. } = &mut tissue;
+    rest.positions_m.extend(chip);
+    position_m.extend(chip);
+    velocity_m_s.extend([[0.0; 3]; 4]);
+    fixed.extend([false; 4]);
+    marks.extend([[0.0; 3]; 4]);
+    rest.tets.push([0, 1, 2, 3].map(|corner| first + corner));
+    rest.regions.push(1);
+    let at = |x: f32, z: f32| [x, 0.0044, z];
+    let wire = [at(0.0135, 0.0095), at(0.0148, 0.0110), at(0.0165, 0.0122), at(0.0175, 0.0122), at(0.0185, 0.0122)];
+    assert_eq!(cut(&mut tissue, &wire, &CutOptions::default()), Ok(CutReport::default()));
+    // It is plain data: whoever goes on with it sees the same.
+    let mut successor = tissue.clone();
+    for tissue in [&mut tissue, &mut successor] {
+        for _ in 0..12 {
+            tissue.position_m[first as usize..].iter_mut().for_each(|place| place[2] -= SINKS_M);
+            let swept_m = tissue.swept_m(&wire);
+            assert!(swept_m < 1e-6, "the chip has carried the wire {swept_m} m");
+        }
+        assert_eq!(cut(tissue, &wire, &CutOptions::default()), Ok(CutReport::default()));
+    }
+    assert_eq!(tissue, successor);
+    // Of a wire that is in nothing the chip is what may come to it.
+    let above = wire.map(|[x, y, z]| [x, y, z.max(0.0122)]);
+    tissue.end_stroke();
+    assert_eq!(cut(&mut tissue, &above, &CutOptions::default()), Ok(CutReport::default()));
+    tissue.position_m[first as usize..].iter_mut().for_each(|place| place[2] -= SINKS_M);
+    assert!(tissue.swept_m(&above) > 0.5 * f64::from(SINKS_M), "{} m", tissue.swept_m(&above));
 }
 
 #[test]

@@ -185,6 +185,7 @@ fn sweep_along(tissue: Tissue, wires: Wires, is_shut: bool, cuts: &mut Cuts) -> 
                 Ok((next, _)) => {
                     laps.pass();
                     black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted), healthy_removed_m3(&world, &next)));
+                    electrode.keep_momentum(&world, &next, &parted, nodes.1);
                     fit(&next, (&mut scratch, &mut surface, &mut contacts));
                     laps.pass();
                     cuts.add(&laps, wire_m.as_ref().map_or(0, Vec::len));

@@ -143,6 +143,7 @@ impl MainLoop<'_> {
                         let removed_ml = 1e6 * removed_m3(&self.world, &world);
                         let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
                         let healthy_ml = 1e6 * healthy_removed_m3(&self.world, &world);
+                        self.knife.keep_momentum(&self.world, &world, &parted, nodes.1);
                         self.take_world(world);
                         let change = Change { is_cut: true, removed_ml, freed_ml, healthy_ml, ..Change::default() };
                         return Ok(self.limited(change, is_limited || out_of_room > 0));

@@ -13,6 +13,7 @@ mod lattice;
 mod lent;
 mod limits;
 mod medium;
+mod momentum;
 mod outflow;
 mod pieces;
 mod remembers;

@@ -26,6 +26,7 @@ pub fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport)
     if report.parts < parts {
         let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
         report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
+        tissue.note_burnt(&is_kept);
         number_of_tet = Some(renumber(&is_kept));
         retain(&mut tissue.rest.tets, &is_kept);
         retain(&mut tissue.material, &is_kept);

@@ -1,10 +1,11 @@
 //! Where the wire was in the tissue. Between two ticks both move: what the wire has cut through is what it was swept past in the tissue, so each
-//! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
+//! of its points is kept by the tet that it was in, or by the nearest node, and carried along. Of a wire that is in something no point is carried along
+//! by something else, which may only pass by: nobody has swept it through what it is in. One that is in nothing goes along with what is nearest, so that
+//! tissue which comes to it is cut by it from the surface on.
 
 use super::Cuttable;
 use super::places::{Bounds, SingleBounds, Spot, at, barycentric, corners, to_single};
 use glam::DVec3;
-use std::cell::OnceCell;
 
 /// A point of the wire, as the tissue saw it last.
 #[repr(C)]
@@ -14,7 +15,7 @@ pub struct Seat {
     pub tet: u32,
     /// Weights of the tet's corners.
     pub weights: [f32; 4],
-    /// The node that was nearest: outside of the tissue it moves along with that. `u32::MAX` where there is none.
+    /// The node that was nearest, of the parts that the wire was in, or of all: outside of the tissue it moves along with that. `u32::MAX` for none.
     pub node: u32,
     /// Where it was from that node, m; from the origin without one.
     pub offset_m: [f32; 3],
@@ -44,6 +45,9 @@ pub struct Motion {
 const OVERLAP: f64 = 0.01;
 /// No tet, no node.
 const NONE: u32 = u32::MAX;
+
+/// The tet that a point is in, with the weights of its corners, if it is in one.
+type Around = Option<(u32, [f32; 4])>;
 
 impl Cuttable {
     /// What a wire does in the tissue; nothing if it has another number of points than before.
@@ -101,25 +105,38 @@ impl Cuttable {
         let near = Bounds::around(motion.to_m.iter().copied()).single().tets_in(&self.position_m, &self.rest.tets);
         let bounds = |tet: u32| SingleBounds::of_tet(&self.position_m, self.rest.tets[tet as usize]);
         let near: Vec<(u32, SingleBounds)> = near.into_iter().map(|tet| (tet, bounds(tet))).collect();
+        let around: Vec<Around> = motion.to_m.iter().map(|point| self.tet_around(*point, &near)).collect();
         // Asked only where the wire is outside of all tets.
-        let used = OnceCell::new();
-        let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &used);
-        self.wire = motion.to_m.iter().zip(&motion.ways).map(seat).collect();
+        let nodes = if around.iter().all(Option::is_some) { Vec::new() } else { self.carriers(&around) };
+        let points = motion.to_m.iter().zip(&motion.ways).zip(around);
+        self.wire = points.map(|((point, way), around)| self.seat(*point, *way, around, &nodes)).collect();
     }
 
-    /// The nodes that a tet has, in their order.
-    fn used_nodes(&self) -> Vec<u32> {
-        let mut is_used = vec![false; self.position_m.len()];
-        self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
-        (0..).zip(is_used).filter(|(_, is_used)| *is_used).map(|(node, _)| node).collect()
-    }
-
-    fn seat(&self, point: DVec3, way: DVec3, near: &[(u32, SingleBounds)], used: &OnceCell<Vec<u32>>) -> Seat {
+    fn tet_around(&self, point: DVec3, near: &[(u32, SingleBounds)]) -> Around {
         let spot = Spot::of(point);
         let mut around = near.iter().filter(|(_, bounds)| bounds.has(&spot)).map(|(tet, _)| *tet);
-        let weights = |tet: u32| Some((tet, weights_in(corners(&self.position_m, self.rest.tets[tet as usize]), point)?));
-        let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
-        let nodes: &[u32] = if tet == NONE { used.get_or_init(|| self.used_nodes()) } else { &[] };
+        around.find_map(|tet| Some((tet, weights_in(corners(&self.position_m, self.rest.tets[tet as usize]), point)?)))
+    }
+
+    /// The nodes that may carry along a point that is outside of all tets, in their order: those of the parts in which the wire has a point, or all that a tet
+    /// has. What came apart in this cut is told by its parts, else what hangs together is one region.
+    fn carriers(&self, around: &[Around]) -> Vec<u32> {
+        let (tets, known) = (&self.rest.tets, &self.part_of_tet);
+        let part_of_tet = if known.len() == tets.len() { known } else { &self.rest.regions };
+        let mut parts: Vec<u32> = around.iter().flatten().map(|(tet, _)| part_of_tet[*tet as usize]).collect();
+        parts.sort_unstable();
+        parts.dedup();
+        let mut may_carry = vec![false; self.position_m.len()];
+        for (tet, _) in tets.iter().zip(part_of_tet).filter(|(_, part)| parts.is_empty() || parts.contains(*part)) {
+            tet.iter().for_each(|node| may_carry[*node as usize] = true);
+        }
+        (0..).zip(may_carry).filter(|(_, may_carry)| *may_carry).map(|(node, _)| node).collect()
+    }
+
+    /// A point that is in a tet, or moves along with the nearest of some nodes.
+    fn seat(&self, point: DVec3, way: DVec3, around: Around, nodes: &[u32]) -> Seat {
+        let (tet, weights) = around.unwrap_or((NONE, [0.0; 4]));
+        let nodes: &[u32] = if tet == NONE { nodes } else { &[] };
         // The first of the nearest, and none whose distance is infinite or no number.
         let nearer = |(nearest, least): (u32, f64), node: &u32| {
             let distance = at(&self.position_m, *node).distance_squared(point);

@@ -27,6 +27,8 @@ struct Left {
     is_limited: bool,
     /// Its surface came behind all else.
     has_trailed: bool,
+    /// Who swept was as urgent as the thread beside has to be.
+    was_urgent: bool,
 }
 
 /// Sweeps with a knife of its own, and makes the world of what is left where that is another one.
@@ -39,9 +41,8 @@ fn swept(
 ) -> (Knife, Option<Left>) {
     let mut knife = Knife::default();
     let (wire_m, stroke): (_, &[u8]) = (Some(wire_m), bytemuck::cast_slice(stroke));
-    if matches!(binds, Binds::Beside) {
-        system::become_fifo(1); // refused: as an ordinary tissue
-    }
+    // Refused: as an ordinary tissue.
+    let was_urgent = matches!(binds, Binds::Beside) && system::become_fifo(1);
     let swept = match binds {
         Binds::AtOnce => knife.sweep(world, wire_m, stroke, nodes),
         Binds::Late => knife.sweep_by(world, wire_m, stroke, nodes, Coming::late, || ()),
@@ -52,7 +53,7 @@ fn swept(
         let (has_parted, has_trailed) = (!parted.is_empty(), trailing.is_some());
         match workshop.make_sound(*body, (Some(held), trailing), false, &mut || ()) {
             Ok((world, out_of_room)) => {
-                left = Some(Left { world, has_parted, is_limited: is_limited || out_of_room > 0, has_trailed });
+                left = Some(Left { world, has_parted, is_limited: is_limited || out_of_room > 0, has_trailed, was_urgent });
             }
             Err(_) => knife.end(),
         }
@@ -96,6 +97,10 @@ fn drawn_through(scene: &LoadedScene, place: f32, room: Option<usize>) -> [usize
         let what = format!("place {place}, step {step}, room {room:?}");
         assert_alike(&at_once, &late, &format!("{what}, late"));
         assert_alike(&at_once, &beside, &format!("{what}, beside"));
+        if let Some((late, beside)) = late.1.as_ref().zip(beside.1.as_ref()).filter(|(_, beside)| beside.was_urgent) {
+            let may_be_beside = system::places() > 1;
+            assert!(!may_be_beside || late.has_trailed == beside.has_trailed, "{what}: the thread beside binds nothing");
+        }
         if let Some(left) = late.1.filter(|left| left.has_trailed) {
             found = [found[0] + 1, found[1] + usize::from(left.has_parted), found[2] + usize::from(left.is_limited)];
         }
