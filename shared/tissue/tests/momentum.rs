@@ -119,7 +119,7 @@ impl Seen {
             self.most_share = self.most_share.max(left.distance(had) / had.length());
         }
         let is_cut = |object: &u32| cut.changed.iter().any(|changed| changed.region == *object);
-        for (tet, _) in cut.rest.tets.iter().zip(&cut.rest.regions).filter(|(_, object)| !is_cut(*object)) {
+        for (tet, _) in cut.rest.tets.iter().zip(&cut.rest.regions).filter(|(_, object)| !is_cut(object)) {
             assert!(tet.iter().all(|node| velocity(&cut, *node) == velocity(tissue, *node)), "{name}: what is not cut is pushed");
         }
         self.sweeps += 1;
