@@ -38,13 +38,16 @@ pub struct Proxy {
     pub push_n: [f64; MAX_PLANES],
     /// Energy stored, J.
     pub energy_j: f64,
+    /// How stiff the planes are at most as they are felt, N/m, pushing or not.
+    pub stiffness_n_m: f64,
 }
 
 /// What the planes do (depths at the device) to a device behind a coupling of `coupling_n_m` > 0.
 pub fn rest(constraints: &[Constraint], coupling_n_m: f64) -> Proxy {
     let most_n_m = MAX_STIFFNESS_SHARE * coupling_n_m;
-    let share = felt_share(constraints, most_n_m);
-    let mut proxy = Proxy::default();
+    let together_n_m = together_n_m(constraints, most_n_m);
+    let share = if together_n_m > most_n_m { most_n_m / together_n_m } else { 1.0 };
+    let mut proxy = Proxy { stiffness_n_m: share * together_n_m, ..Proxy::default() };
     for (push, c) in proxy.push_n.iter_mut().zip(constraints) {
         let depth = c.depth_m.max(0.0);
         *push = share * c.stiffness_n_m.min(most_n_m) * depth;
@@ -54,12 +57,11 @@ pub fn rest(constraints: &[Constraint], coupling_n_m: f64) -> Proxy {
     proxy
 }
 
-/// The share of the planes' stiffness with which they are together nowhere stiffer than `most_n_m`, none by itself counted as stiffer; 1 where they are not.
-fn felt_share(constraints: &[Constraint], most_n_m: f64) -> f64 {
+/// How stiff planes are together at most, N/m, none by itself counted as stiffer than `most_n_m`.
+fn together_n_m(constraints: &[Constraint], most_n_m: f64) -> f64 {
     let along_of = |one: &Constraint, c: &Constraint| c.stiffness_n_m.min(most_n_m) * one.normal.dot(c.normal).abs();
     let along = |one: &Constraint| constraints.iter().map(|c| along_of(one, c)).sum::<f64>();
-    let together_n_m = constraints.iter().map(along).fold(0.0, f64::max);
-    if together_n_m > most_n_m { most_n_m / together_n_m } else { 1.0 }
+    constraints.iter().map(along).fold(0.0, f64::max)
 }
 
 /// `stiffness · n nᵀ`.

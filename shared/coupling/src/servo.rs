@@ -14,7 +14,8 @@
 //! 6. What the medium does to the scope (`servo/medium.rs`), with an account of its own; then the force limit.
 //! 7. Blend: the force changes by no more than the motion of the tip explains plus `model_step_n`; so a contact model that
 //!    jumps is felt as a ramp, while the motion of the hand is passed on undelayed. For `return_ticks` after a gap or a fade it is
-//!    `return_step_n`: a tissue that has begun anew about the scope settles, and its model jumps from tick to tick.
+//!    `return_step_n`, and motion explains what these planes make of it and no more: a tissue that has begun anew about the scope settles, its model jumps
+//!    from tick to tick, and the tip is on its way out.
 //!
 //! Stability of the sampled wall needs `b > K·T/2 + |B|` (Colgate and Schenkel 1997) with b the physical damping of
 //! device and hand, K and B the virtual stiffness and damping; a loop delay of d ticks adds K·d·T. `coupling_limit_n_m`
@@ -52,6 +53,7 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     let velocity = clamp_length(Vec3::from_array(input.velocity_m_s), params.max_speed_m_s);
     let old_ramp = next.ramp;
     let restored = fade(params, &mut next, input.model_age_ticks);
+    next.return_ticks = return_ticks(params, &state, old_ramp, restored, bridged);
     let known = state.running == 1 && !bridged;
     let moved = if known { Vec3::from_array(input.position_m) - Vec3::from_array(next.position_m) } else { Vec3::ZERO };
     let touch = touch(params, &mut next, input, velocity, known, restored);
@@ -62,7 +64,6 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     let limited = clamp_length(wanted, params.max_force_n);
     // Only a fade explains a step: what comes back is shifted so that the force stays what it is.
     let faded = (smoothstep(old_ramp) - smoothstep(next.ramp)).max(0.0) * params.max_force_n;
-    next.return_ticks = return_ticks(params, &state, old_ramp, restored, bridged);
     let by_model_n = if next.return_ticks > 0 { params.return_step_n.min(params.model_step_n) } else { params.model_step_n };
     let allowed = touch.explained_n + faded + by_model_n;
     let force = step_towards(Vec3::from_array(next.force_n), limited, allowed);
@@ -115,7 +116,10 @@ fn touch(params: &ServoParams, next: &mut ServoState, input: &ServoInput, veloci
     let path = if known { moved } else { velocity * input.dt_s };
     let turn = velocity - Vec3::from_array(next.velocity_m_s);
     // What the tip's way changes of the push, and of friction by that, and what it bends.
-    let felt_n_m = coupling_n_m as f32 * if walls.friction > 0.0 { 1.0 + friction::SHARE + walls.friction as f32 } else { 1.0 };
+    let bends = if walls.friction > 0.0 { f64::from(friction::SHARE) * coupling_n_m } else { 0.0 };
+    // While force comes back planes jump with a tip that is pushed out: what the way explains is what these planes make of it.
+    let planes_n_m = if next.return_ticks > 0 { rest.stiffness_n_m } else { coupling_n_m };
+    let felt_n_m = (planes_n_m * (1.0 + walls.friction) + bends) as f32;
     next.proxy_m = (position.as_dvec3() + rest.offset_m).as_vec3().to_array();
     next.shift_m = shift.as_vec3().to_array();
     Touch {

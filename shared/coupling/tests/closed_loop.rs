@@ -313,6 +313,40 @@ fn a_tissue_that_settles_after_a_fade_is_felt_in_small_steps_and_then_as_any_oth
     assert_eq!(state.return_ticks, 0);
 }
 
+/// What pushes the tip out of a tissue that settles is no excuse for what the model jumps by: the way explains what these planes make of it.
+#[test]
+fn a_tip_that_is_pushed_out_of_a_tissue_that_settles_feels_small_steps_too() {
+    let near = wall(Vec3::ZERO, 400.0);
+    let mut far = near;
+    far.planes[0].point_m[2] += 0.001;
+    let params = ServoParams::default();
+    let mut state =
+        (2..=400u32).fold(pressing(&near, 0.009), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.009).0);
+    assert_eq!((state.force_n[2], state.return_ticks), (0.0, 0));
+    let (way_m, mut most_n) = (40e-6, 0.0f32);
+    for tick in 901..1_050u64 {
+        let model = if tick % 2 == 0 { &near } else { &far };
+        let input = ServoInput {
+            tick,
+            position_m: [0.0, 0.0, 0.069 - way_m * (tick - 900) as f32],
+            velocity_m_s: [0.0, 0.0, -way_m / DT_S],
+            dt_s: DT_S,
+            model,
+            model_age_ticks: 1,
+            applied_n: None,
+            medium_n: [0.0; 3],
+        };
+        let next = servo_step(&params, &state, &input).0;
+        assert!(next.return_ticks > 0, "tick {tick}");
+        most_n = most_n.max((next.force_n[2] - state.force_n[2]).abs());
+        state = next;
+    }
+    // 400 N/m, and 0.5 N·s/m that come and go with the plane.
+    let of_motion_n = 400.0 * way_m + params.max_damping_n_s_m * (way_m / DT_S) * (way_m / params.damping_depth_m);
+    assert!(most_n > params.return_step_n, "{most_n} N: nothing jumps");
+    assert!(most_n < of_motion_n + params.return_step_n + 1e-5, "a step of {most_n} N, {of_motion_n} of them by motion");
+}
+
 #[test]
 fn a_model_that_was_late_by_little_is_soon_followed_as_any_other() {
     let near = wall(Vec3::ZERO, 1000.0);
