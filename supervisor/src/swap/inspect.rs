@@ -3,12 +3,13 @@
 //! tolerance when that lasts. A helper, because the file may lie on a disk that does not answer.
 
 use super::judge::{Seen, tell};
+use super::lives::Lives;
 use super::pictures::{Gallery, Stream};
 use super::stated::{MOST_BEHIND_TICKS, STILL_NS, STILL_RECORDER_NS};
 use super::written::Written;
 use hyst_engine::Settings;
 use hyst_exchange::{ReadPage, Station, StationPage, system};
-use hyst_messages::page::{device, hardware, recorder, rendering, tissue};
+use hyst_messages::page::{hardware, recorder, rendering, tissue};
 use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
 use hyst_recording::Tail;
 use std::path::Path;
@@ -87,9 +88,9 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
         let look = if role == Role::Recorder {
             let status = own.cell(recorder::STATUS).map(|(_, status)| status);
             let size = settings.record.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
-            let devices: Vec<ReadPage> = pages(station, &clock, Role::Device).collect();
-            recording.read(&devices); // after its page: what that says is on disk by now
-            recording.look(status, size, newest_tick(&devices), clock.present_tick())
+            recording.read(station, clock.occupied(Role::Device)); // after its page: what that says is on disk by now
+            let newest = recording.lives.newest_tick();
+            recording.look(status, size, newest, clock.present_tick())
         } else {
             let picture = stream.as_mut().and_then(Stream::newest);
             let shown = pictures.gallery.look(picture.as_ref().map(|held| held.bytes()), place_m(station, &clock));
@@ -106,11 +107,6 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
 
 fn pages(station: &Station, clock: &StationPage, role: Role) -> impl Iterator<Item = ReadPage> {
     clock.occupied(role).filter_map(|(slot, incarnation)| station.read_slot(slot, incarnation).ok())
-}
-
-/// The newest tick that a device has for a recorder; 0 if there is none.
-fn newest_tick(devices: &[ReadPage]) -> u64 {
-    devices.iter().map(|page| page.ring_end(device::APPLIED).saturating_sub(1)).max().unwrap_or(0)
 }
 
 /// Tick of the newest state that there is to be drawn; 0 if there is none.
@@ -130,6 +126,7 @@ fn place_m(station: &Station, clock: &StationPage) -> [f32; 3] {
 struct Recording {
     /// The end of its file, if the station records.
     tail: Option<Tail>,
+    lives: Lives,
     written: Written,
     /// The newest tick that is known to be in its file: at first the one that its page says, since nobody reads what was there before.
     last_tick: Option<u64>,
@@ -140,11 +137,13 @@ impl Recording {
         Recording { tail: file.map(Tail::of), ..Recording::default() }
     }
 
-    /// Reads what has come to its file. Of one that cannot be read nothing has come.
-    fn read(&mut self, devices: &[ReadPage]) {
+    /// Reads what has come to its file. Of one that cannot be read nothing has come. Which lives of the device are present is asked after that: one that begins
+    /// meanwhile may have made what was read.
+    fn read(&mut self, station: &Station, present: impl IntoIterator<Item = (Slot, u32)>) {
         let records = self.tail.as_mut().and_then(|tail| tail.look().ok()).unwrap_or_default();
-        let made = |tick: u64| devices.iter().find_map(|page| page.ring(device::APPLIED, tick));
-        self.written.take(&records, newest_tick(devices), made);
+        let Recording { lives, written, .. } = self;
+        lives.meet(station, present);
+        written.take(&records, lives.newest_tick(), |tick| lives.made(tick));
     }
 
     /// `size`: bytes of the file, if the station records; `newest`: the tick that the device has made last.
@@ -172,10 +171,10 @@ impl Recording {
                 let behind = newest.saturating_sub(in_file);
                 Look::New(behind as f64 / MOST_BEHIND_TICKS as f64, format!("{behind} ticks are not in its recording"))
             }
+            () if newest <= in_file => Look::Idle, // the device makes none
             () if said > in_file => {
                 Look::Wrong(format!("it says that tick {said} is on disk, and its file can be read up to tick {in_file}"))
             }
-            () if newest <= in_file => Look::Idle, // the device makes none
             () => Look::Still(format!("its recording stays at tick {in_file}")),
         }
     }
@@ -219,9 +218,13 @@ impl Pictures {
 }
 
 #[cfg(test)]
+mod lives_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use hyst_messages::AppliedRecord;
+    use hyst_messages::page::device;
     use hyst_recording::{Block, Session, Writer};
     use std::fs::OpenOptions;
     use std::io::Write;
@@ -258,6 +261,7 @@ mod tests {
         assert!(matches!(&new, Look::New(ratio, _) if *ratio < 0.05), "{new:?}");
         assert_eq!(nothing(recording.look(status(5_000, 70), Some(70), 5_400, 5_401)), "its recording stays at tick 5000");
         assert_eq!(recording.look(status(5_000, 70), Some(70), 5_000, 9_000), Look::Idle, "the device makes no ticks");
+        assert_eq!(recording.look(status(5_100, 70), Some(70), 5_000, 9_000), Look::Idle, "whatever it says");
         assert!(nothing(recording.look(status(5_400, 90), Some(70), 5_500, 5_501)).contains("70 bytes, and it says 90"));
         assert!(nothing(recording.look(status(u64::MAX, 70), Some(70), 5_500, 5_501)).contains("is the present"));
         append(&mut recording, 5_001..=5_600);
@@ -274,7 +278,6 @@ mod tests {
         let slot = Slot::first(Role::Device);
         let page = station.create_slot(slot, 1).unwrap();
         (1..=300).for_each(|tick| page.push(device::APPLIED, tick, &made(tick)));
-        let devices = [station.read_slot(slot, 1).unwrap()];
         let file = station.root().join("session.mcap");
         let mut writer = Writer::open(&file, &Session::from([("session".into(), "s".into())])).unwrap();
         let mut append = |ticks: Vec<u64>| {
@@ -283,10 +286,11 @@ mod tests {
         };
         let mut recording = Recording::of(Some(&file));
         let mut look_at_one_that_says = |last_tick: u64| {
-            recording.read(&devices);
+            recording.read(&station, [(slot, 1)]);
             let bytes = std::fs::metadata(&file).unwrap().len();
             let status = RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes };
-            recording.look(Some(status), Some(bytes), newest_tick(&devices), 300)
+            let newest = recording.lives.newest_tick();
+            recording.look(Some(status), Some(bytes), newest, 300)
         };
         assert!(is_still(look_at_one_that_says(100)), "nobody has read what was there before");
         append((101..=200).collect());

@@ -4,6 +4,7 @@
 mod feel;
 mod inspect;
 pub mod judge;
+mod lives;
 mod pictures;
 mod stated;
 mod visit;

@@ -15,8 +15,8 @@ pub(super) struct Written {
 }
 
 impl Written {
-    /// Takes what was read of the file; `newest`: the device's newest tick by now; `made`: what its ring has of a tick. What is newer is not the device's, and
-    /// what the ring no longer has is compared with nothing.
+    /// Takes what was read of the file; `newest`: the device's newest tick by now; `made`: what its rings have of a tick. What is newer is not the device's,
+    /// and what they no longer have is compared with nothing. The first tick that is read is where counting begins.
     pub(super) fn take(&mut self, records: &[AppliedRecord], newest: u64, made: impl Fn(u64) -> Option<AppliedRecord>) {
         let of_device = records.iter().filter(|record| record.tick <= newest);
         let read: BTreeMap<u64, &AppliedRecord> = of_device.map(|record| (record.tick, record)).collect();
