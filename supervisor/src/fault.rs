@@ -205,12 +205,14 @@ impl Fault {
         self.overdue && (self.dead || self.detected_us.is_some() && self.asked.is_none())
     }
 
+    /// Whether it may leave nobody who makes a force: without a servo the device fades it, as the hardware does without a device.
+    pub fn may_let_the_force_fade(&self) -> bool {
+        self.target == Role::Device.name() || self.is_of_servo() && self.may_be_felt()
+    }
+
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
     pub fn most_step_n(&self, quiet_n: f64) -> f64 {
-        // Without a servo the device fades the force, as the hardware does without a device.
-        let is_left_to_fade =
-            self.target == Role::Device.name() || self.is_of_both_servos() || self.is_of_servo() && self.may_cost_ticks.is_some();
-        let by_design_n = if is_left_to_fade { DEVICE_STEP_N } else { 0.0 };
+        let by_design_n = if self.may_let_the_force_fade() { DEVICE_STEP_N } else { 0.0 };
         quiet_n.max(by_design_n) + STEP_MARGIN_N
     }
 

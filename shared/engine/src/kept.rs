@@ -41,7 +41,7 @@ impl Kept {
 }
 
 /// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says. Given
-/// up, as by a station that stops, it leaves no process of that engine.
+/// up, as by a station that stops, it leaves no process of that engine but one that the system does not let end.
 pub fn keep(station: &Station, binary: &Path, role: Role, given_up: &dyn Fn() -> bool) -> Result<Kept, String> {
     // An engine is asked for what this program is of. In a station of another layout it would agree with that, end in its start, and have cost the old one by
     // then where there is no spare.

@@ -137,6 +137,22 @@ fn a_state_that_began_anew_and_a_station_that_ended_are_noticed() {
     assert_eq!(notice(&silent, blame.sequel(&outcomes[1]), false), (false, "nothing".into()));
 }
 
+#[test]
+fn what_is_left_of_a_run_is_the_doing_of_its_own_faults_and_not_of_the_same_ones_in_another() {
+    let (campaign, _, mut outcomes) = setup(TEXT);
+    let left_by = |outcomes: &[Outcome]| {
+        let of_run = |run: usize, leftovers: u64| StationOutcome { run, leftovers, ..all_of(&campaign, outcomes) };
+        let stations = [of_run(1, 0), of_run(2, 7)];
+        let blame = Blame::of(&campaign, outcomes, &stations);
+        blame.leftovers(outcomes.last().unwrap().index)
+    };
+    assert_eq!(left_by(&outcomes), 7, "older results do not say of which run they are");
+    for outcome in &mut outcomes {
+        outcome.run = Some(1);
+    }
+    assert_eq!(left_by(&outcomes), 0);
+}
+
 /// Kept results of older builds have it: a stall of the host was the notice of bytes that nobody had read.
 #[test]
 fn one_that_was_late_and_lives_on_has_not_noticed_and_one_that_was_ended_for_it_has() {

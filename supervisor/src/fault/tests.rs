@@ -15,6 +15,11 @@ fn only_the_device_both_servos_at_once_and_what_may_cost_ticks_by_what_was_said_
         (of("haptic:1").may_be_felt(), of("haptic:1").allowed_misses(), of("device").allowed_misses())
     });
     assert_eq!(told, [(false, Some(0), Some(20)), (false, Some(0), Some(0)), (true, Some(300), Some(300))]);
+    let steps_n = [Some(0), Some(300)].map(|may_cost_ticks| {
+        let of = |target: &str| Fault { target: target.into(), may_cost_ticks, ..Fault::default() };
+        ["haptic:1", "tissue:1"].map(|target| (of(target).most_step_n(0.1) * 1e3).round())
+    });
+    assert_eq!(steps_n, [[150.0, 150.0], [250.0, 150.0]], "a servo that may cost nothing leaves somebody");
 }
 
 /// What is wrong of a servo's forces of these ticks and stamps, given from tick 1 201 on, if it is hit at 1 200.

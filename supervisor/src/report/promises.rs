@@ -67,10 +67,10 @@ fn why(fault: &Fault, faults: &[Fault], quiet: &Quiet, is_lost: bool) -> Option<
 /// The step of the force, if neither the ticks before it nor its control made such a one (`fault::judge`), nor any other control.
 fn jerk(fault: &Fault, faults: &[Fault], quiet: &Quiet) -> Option<String> {
     let made_n = fault.window.filter(|_| !fault.step.is_empty())?.force_step_max_n;
-    let is_of_device = |fault: &Fault| fault.target == Role::Device.name();
-    // The device's own may be larger.
-    let may_be_the_devices = || !is_of_device(fault) && faults.iter().any(|other| is_of_device(other) && meet(fault, other));
-    let is_broken = made_n > fault.most_step_n(quiet.step_n) && !may_be_the_devices();
+    // Of one that leaves nobody the own may be larger.
+    let may_fade = Fault::may_let_the_force_fade;
+    let may_be_anothers = || !may_fade(fault) && faults.iter().any(|other| may_fade(other) && meet(fault, other));
+    let is_broken = made_n > fault.most_step_n(quiet.step_n) && !may_be_anothers();
     is_broken.then(|| format!("a force step of {made_n:.3} N, {:.3} N without a fault", quiet.step_n))
 }
 
@@ -93,13 +93,17 @@ fn meet(one: &Fault, other: &Fault) -> bool {
     from < other_to && other_from < to
 }
 
-/// Whether it may have been another fault, that of a device or of both servos, or one that may cost as much, for which the hand had nobody. Who kills two by
-/// hand makes a fault of each.
+/// Whether it may have been another fault, that of a device or of both servos, or one that may cost more, for which the hand had nobody. A campaign tells both
+/// faults of a cell what they may cost together, so that neither excuses the other. Who kills two by hand makes a fault of each.
 fn is_beside_one_that_is_felt(fault: &Fault, faults: &[Fault]) -> bool {
     let here = || faults.iter().filter(|other| meet(fault, other));
     let is_servo = |target: &&str| Role::name_in(target) == Role::Haptic.name();
     let servos: BTreeSet<&str> = here().map(|other| other.target.as_str()).filter(is_servo).collect();
-    servos.len() > 1 || here().any(|other| other.may_be_felt() && !std::ptr::eq(other, fault))
+    let own = fault.allowed_misses().unwrap_or(0);
+    let may_cost_more = |other: &Fault| other.allowed_misses().is_none_or(|ticks| ticks > own);
+    let is_told = |it: &Fault| it.may_cost_ticks.is_some();
+    let is_one_more = |other: &Fault| !std::ptr::eq(other, fault) && !is_told(other) && !is_told(fault);
+    servos.len() > 1 || here().any(|other| other.may_be_felt() && (may_cost_more(other) || is_one_more(other)))
 }
 
 #[cfg(test)]
@@ -155,6 +159,16 @@ mod tests {
         assert_eq!(broken_of(&[of(30), fault("tissue:0", 30)]), 0, "nor does one that is beside it");
     }
 
+    /// The first fault of a cell, told what the device beside it may cost, excused whatever that one cost.
+    #[test]
+    fn only_what_may_cost_more_excuses_what_the_hand_lost() {
+        let told = |target: &str, ticks: u64, missed: u64| Fault { may_cost_ticks: Some(ticks), ..fault(target, missed) };
+        let beside = |tissue_ticks: u64, missed: u64| broken_of(&[told("tissue:0", tissue_ticks, 0), told("device", 20, missed)]);
+        assert_eq!([beside(20, 20), beside(20, 500), beside(300, 500)], [0, 1, 0]);
+        assert_eq!(broken_of(&[told("tissue:0", 20, 0), fault("device", 500)]), 1, "a device may cost as many by what it is");
+        assert_eq!(broken_of(&[fault("device", 30), fault("device", 30)]), 0, "two by hand, one after the other");
+    }
+
     #[test]
     fn what_the_machine_does_by_itself_or_another_fault_did_is_no_broken_promise() {
         let later = |other: Fault| Fault { tick: 99_000, ..other };
@@ -205,6 +219,10 @@ mod tests {
         assert_eq!(broken_of(&beside), 0, "it may be the device's");
         let of_both = ["haptic:0", "haptic:1"].map(|target| Fault { together: true, ..stepping(target, [0.4, 0.1], true) });
         assert_eq!(broken_of(&of_both), 2, "of both servos as of any engine");
+        // Beside a servo that is doomed the other dies as well, by nobody's hand.
+        let doomed = |ticks: u64| Fault { may_cost_ticks: Some(ticks), ..stepping("haptic:0", [0.2, 0.1], false) };
+        let of_others = |ticks: u64| broken_of(&[doomed(ticks), stepping("haptic:1", [0.2, 0.1], true)]);
+        assert_eq!([of_others(0), of_others(1_500)], [1, 0], "the force fades by design where nobody is left");
     }
 
     /// By hand in `arms`: of five that all lost more at least 0.094 do.

@@ -38,7 +38,10 @@ impl<'a> Blame<'a> {
         let mut blame = Blame::default();
         for station in stations {
             let is_judged = campaign.judges(&station.arm);
-            let mut here: Vec<&'a Outcome> = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index)).collect();
+            // A fault that is done again is in the lines of two runs.
+            let is_of_run = |outcome: &&Outcome| outcome.run.is_none_or(|run| run == station.run);
+            let suffered = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index));
+            let mut here: Vec<&'a Outcome> = suffered.filter(is_of_run).collect();
             here.sort_by_key(|outcome| station.faults.iter().position(|index| *index == outcome.index));
             blame.next.extend(here.windows(2).map(|pair| (pair[0].index, pair[1])));
             for (at, line) in blame.assign(campaign, station, &here) {
