@@ -18,6 +18,8 @@ mod materials;
 mod metal;
 mod outlet;
 mod points;
+#[cfg(test)]
+mod served;
 mod site;
 mod state;
 mod through;

@@ -72,14 +72,23 @@ impl PlaneSet {
     /// A bound on how stiff the planes are together, N/m: the largest, of the normal of each of them, of the sum of all stiffness along it. It is no more than
     /// they are where they have one normal or are at right angles.
     pub fn stiffness_n_m(&self) -> f32 {
-        let of_planes = self.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m));
-        of_planes.iter().map(|(normal, _)| along(*normal, &of_planes)).fold(0.0, f32::max)
+        together(&self.walls())
+    }
+
+    /// Normals and stiffness.
+    fn walls(&self) -> [(Vec3, f32); MAX_PLANES] {
+        self.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m))
     }
 }
 
 /// Stiffness of walls along a direction, N/m, each by the cosine of its normal.
 fn along(direction: Vec3, walls: &[(Vec3, f32); MAX_PLANES]) -> f32 {
     walls.iter().map(|(normal, stiffness_n_m)| stiffness_n_m * direction.dot(*normal).abs()).sum()
+}
+
+/// The largest of that along the normal of one of them, N/m.
+fn together(walls: &[(Vec3, f32); MAX_PLANES]) -> f32 {
+    walls.iter().map(|(normal, _)| along(*normal, walls)).fold(0.0, f32::max)
 }
 
 /// What the planes are made from.
@@ -170,8 +179,7 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
     // None by itself is stiffer than all may be, so that one takes nothing of those at right angles to it.
     let most_n_m = SHARE_OF_CONTACTS * params.most_stiffness_n_m;
     let walls = bins.map(|bin| (bin.force_n.normalize_or_zero(), bin.stiffness_n_m.min(most_n_m)));
-    let together_n_m = walls.iter().map(|(normal, _)| along(*normal, &walls)).fold(0.0, f32::max);
-    let softer = (most_n_m / together_n_m).min(1.0);
+    let softer = (most_n_m / together(&walls)).min(1.0);
     for (bin, (normal, stiffness_n_m)) in bins.iter().zip(walls) {
         let depth = bin.force_n.length() / (softer * stiffness_n_m);
         if depth.is_finite() {
@@ -225,7 +233,7 @@ fn approach(input: &PlaneInput<'_>, params: &PlaneParams, lever: Option<Lever>, 
 /// The share of its stiffness that each wall ahead may have beside planes that are there, so that all are nowhere stiffer than the bound: the least that is left
 /// along any direction that it has a part in.
 fn left_beside(set: &PlaneSet, ahead: &[(Vec3, f32); MAX_PLANES], most_n_m: f32) -> [f32; MAX_PLANES] {
-    let there = set.planes.map(|plane| (Vec3::from_array(plane.normal), plane.stiffness_n_m));
+    let there = set.walls();
     let mut shares = [1.0f32; MAX_PLANES];
     for (direction, _) in there.iter().chain(ahead).filter(|(direction, _)| *direction != Vec3::ZERO) {
         let wanted_n_m = along(*direction, ahead);

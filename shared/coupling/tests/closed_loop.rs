@@ -208,10 +208,21 @@ fn a_device_process_that_starts_anew_while_buried_does_not_kick() {
 
 /// The servo alone, its tip held `depth_m` behind the wall.
 fn held(state: &ServoState, tick: u64, model: &ContactModel, age: u32, depth_m: f32) -> (ServoState, ServoOutput) {
+    drawn(state, tick, model, age, (depth_m, 0.0))
+}
+
+/// The servo alone, its tip `depth_m` behind the wall and on its way deeper, m/s.
+fn drawn(
+    state: &ServoState,
+    tick: u64,
+    model: &ContactModel,
+    age: u32,
+    (depth_m, deeper_m_s): (f32, f32),
+) -> (ServoState, ServoOutput) {
     let input = ServoInput {
         tick,
         position_m: [0.0, 0.0, 0.06 + depth_m],
-        velocity_m_s: [0.0; 3],
+        velocity_m_s: [0.0, 0.0, deeper_m_s],
         dt_s: DT_S,
         model,
         model_age_ticks: age,
@@ -326,17 +337,8 @@ fn a_tip_that_is_pushed_out_of_a_tissue_that_settles_feels_small_steps_too() {
     let (way_m, mut most_n) = (40e-6, 0.0f32);
     for tick in 901..1_050u64 {
         let model = if tick % 2 == 0 { &near } else { &far };
-        let input = ServoInput {
-            tick,
-            position_m: [0.0, 0.0, 0.069 - way_m * (tick - 900) as f32],
-            velocity_m_s: [0.0, 0.0, -way_m / DT_S],
-            dt_s: DT_S,
-            model,
-            model_age_ticks: 1,
-            applied_n: None,
-            medium_n: [0.0; 3],
-        };
-        let next = servo_step(&params, &state, &input).0;
+        let depth_m = 0.009 - way_m * (tick - 900) as f32;
+        let next = drawn(&state, tick, model, 1, (depth_m, -way_m / DT_S)).0;
         assert!(next.return_ticks > 0, "tick {tick}");
         most_n = most_n.max((next.force_n[2] - state.force_n[2]).abs());
         state = next;

@@ -218,7 +218,7 @@ mod tests {
         let beside = [stepping("tissue:0", [0.4, 0.1], true), stepping("device", [0.2, 0.1], false)];
         assert_eq!(broken_of(&beside), 0, "it may be the device's");
         let of_both = ["haptic:0", "haptic:1"].map(|target| Fault { together: true, ..stepping(target, [0.4, 0.1], true) });
-        assert_eq!(broken_of(&of_both), 2, "of both servos as of any engine");
+        assert_eq!(broken_of(&of_both), 2, "of both servos as of the device");
         // Beside a servo that is doomed the other dies as well, by nobody's hand.
         let doomed = |ticks: u64| Fault { may_cost_ticks: Some(ticks), ..stepping("haptic:0", [0.2, 0.1], false) };
         let of_others = |ticks: u64| broken_of(&[doomed(ticks), stepping("haptic:1", [0.2, 0.1], true)]);

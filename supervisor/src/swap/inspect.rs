@@ -218,16 +218,12 @@ impl Pictures {
 }
 
 #[cfg(test)]
-mod lives_tests;
+mod file_tests;
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use hyst_messages::AppliedRecord;
-    use hyst_messages::page::device;
-    use hyst_recording::{Block, Session, Writer};
-    use std::fs::OpenOptions;
-    use std::io::Write;
     use std::ops::RangeInclusive;
 
     const MS: u64 = 1_000_000;
@@ -267,43 +263,6 @@ mod tests {
         append(&mut recording, 5_001..=5_600);
         let late = recording.look(status(5_600, 90), Some(90), 15_600, 15_601);
         assert!(matches!(&late, Look::New(ratio, text) if *ratio > 2.0 && text.starts_with("10000 ticks")), "{late:?}");
-    }
-
-    /// It was believed: one that wrote nothing, or rubbish, passed.
-    #[test]
-    fn a_recorder_is_judged_by_its_file_and_not_by_what_its_page_says() {
-        let station = Station::named(&format!("t{}-liar", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let slot = Slot::first(Role::Device);
-        let page = station.create_slot(slot, 1).unwrap();
-        (1..=300).for_each(|tick| page.push(device::APPLIED, tick, &made(tick)));
-        let file = station.root().join("session.mcap");
-        let mut writer = Writer::open(&file, &Session::from([("session".into(), "s".into())])).unwrap();
-        let mut append = |ticks: Vec<u64>| {
-            let applied = ticks.into_iter().map(made).collect();
-            writer.append(&Block { applied, ..Block::default() }).unwrap();
-        };
-        let mut recording = Recording::of(Some(&file));
-        let mut look_at_one_that_says = |last_tick: u64| {
-            recording.read(&station, [(slot, 1)]);
-            let bytes = std::fs::metadata(&file).unwrap().len();
-            let status = RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes };
-            let newest = recording.lives.newest_tick();
-            recording.look(Some(status), Some(bytes), newest, 300)
-        };
-        assert!(is_still(look_at_one_that_says(100)), "nobody has read what was there before");
-        append((101..=200).collect());
-        assert!(matches!(look_at_one_that_says(200), Look::New(ratio, _) if ratio < 1.0));
-        let lies = "it says that tick 300 is on disk, and its file can be read up to tick 200";
-        assert_eq!(nothing(look_at_one_that_says(300)), lies, "it wrote nothing");
-        let mut rubbish = OpenOptions::new().append(true).open(&file).unwrap();
-        rubbish.write_all(&[0xa5; 4_096]).unwrap();
-        assert_eq!(nothing(look_at_one_that_says(300)), lies);
-        append((201..=300).filter(|tick| *tick != 250).collect());
-        let holes = Look::New(f64::INFINITY, "its file leaves out 1 of the device's ticks".into());
-        assert_eq!([look_at_one_that_says(300), look_at_one_that_says(300)], [holes.clone(), holes]);
-        station.wipe();
     }
 
     #[test]

@@ -137,13 +137,13 @@ mod tests {
         let apart = compared(name, [press(1).unwrap(), press(finer).unwrap()]);
         println!("{name}, beside {finer} times as fine: {apart:?}");
         assert!(apart.most_n > least_n && apart.most_m > 1e-3, "{name}: the hand hardly touches: {apart:?}");
-        assert_apart(name, &apart, MOST);
+        assert_apart(name, &apart);
         apart
     }
 
     /// What the hand is told is that of the planes, without friction and damping, and felt at the tip, near which the wall is met: most of what acts.
-    fn assert_apart(what: &str, apart: &Apart, most: f64) {
-        assert!(apart.force < most && apart.displacement < most && apart.told < most, "{what}: {apart:?}");
+    fn assert_apart(what: &str, apart: &Apart) {
+        assert!(apart.force < MOST && apart.displacement < MOST && apart.told < MOST, "{what}: {apart:?}");
         assert!(apart.force > 0.0 && apart.told > 0.0, "{what}: the two are one");
         assert!(apart.most_told_n > 0.5 * apart.most_n, "{what}: {apart:?}");
     }
@@ -231,7 +231,7 @@ mod tests {
         let added = 100.0 * (with_added_kg / own_kg - 1.0);
         println!("{what}: {substeps} substeps with {added:.3} % of mass added, beside {finer} times {fine_substeps}: {apart:?}");
         assert!(apart.most_n > LEAST_N && apart.most_m > 1e-3, "{what}: the hand hardly touches: {apart:?}");
-        assert_apart(what, &apart, MOST);
+        assert_apart(what, &apart);
     }
 
     #[test]
@@ -267,7 +267,7 @@ mod tests {
             let apart = between(&scene, [long, Otherwise { finer: 8, ..Otherwise::default() }], TICKS).unwrap();
             println!("steps of {step_ticks} ms, beside 8 in each ms: {apart:?}");
             assert!(apart.most_n > LEAST_N && apart.most_m > 1e-3, "{step_ticks}: the hand hardly touches: {apart:?}");
-            assert_apart(&format!("steps of {step_ticks} ms"), &apart, MOST);
+            assert_apart(&format!("steps of {step_ticks} ms"), &apart);
         }
     }
 

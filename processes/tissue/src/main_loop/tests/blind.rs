@@ -8,15 +8,15 @@
 
 use super::*;
 use crate::contacts::LAW;
+use crate::served::{DT_S, Servo, Tip, model_of};
 use glam::Vec3;
-use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
+use hyst_coupling::{ContactModel, ServoParams};
 use hyst_scene::Pose as Way;
 
-/// Speed of the hand, m/s, and a tick, s.
+/// Speed of the hand, m/s.
 pub(super) const SPEED_M_S: f32 = 0.02;
-pub(super) const DT_S: f32 = 1e-3;
-/// Ticks from the first contact until the tissue is heard no more, half a millimetre, and of a hand that does not go deeper then, or comes back; ticks without it; those in
-/// which the hand goes on when it is back, and in which it rests then.
+/// Ticks from the first contact until the tissue is heard no more, half a millimetre, and of a hand that does not go deeper then, or comes back; ticks without
+/// it; those in which the hand goes on when it is back, and in which it rests then.
 const DEEP: u64 = 25;
 const DEEP_ASIDE: u64 = 75;
 const DEEP_BACK: u64 = 175;
@@ -27,27 +27,6 @@ const RESTS: u64 = 150;
 pub(super) const MEETS: u64 = 600;
 /// What a fault may add to the largest step of ticks without one, N.
 const MARGIN_N: f32 = 0.05;
-
-/// The planes of the last step, as the servo is told them.
-pub(super) fn model_of(main: &MainLoop<'_>) -> ContactModel {
-    let planes: Vec<Plane> = main.planes.planes[..main.planes.count as usize]
-        .iter()
-        .map(|plane| Plane {
-            point_m: plane.point_m,
-            normal: plane.normal,
-            stiffness_n_m: plane.stiffness_n_m,
-            damping_n_s_m: plane.damping_n_s_m,
-        })
-        .collect();
-    ContactModel { friction: LAW.friction, ..ContactModel::new(&planes) }
-}
-
-/// Where the tip is in a tick, m, and how fast, m/s.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Tip {
-    pub(super) place_m: Vec3,
-    pub(super) velocity_m_s: Vec3,
-}
 
 /// Where the scene's hand `press` is after so many ticks at the speed of these tests, on its way into the wall and on.
 pub(super) fn pressing(pivot_m: [f32; 3]) -> impl Fn(u64) -> Way {
@@ -63,34 +42,6 @@ pub(super) fn input_of(main: &MainLoop<'_>, tick: u64, pose: &Way, tip: Tip) -> 
     record.sample.pose = Pose { position_m, orientation, insertion_m: pose.insertion_m, ..Pose::default() };
     record.sample.velocity_m_s = tip.velocity_m_s.to_array();
     record
-}
-
-/// A servo, the force of its last tick, and by how much that was another one than the force before, N.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Servo {
-    pub(super) params: ServoParams,
-    pub(super) state: ServoState,
-    pub(super) force_n: Vec3,
-    pub(super) step_n: f32,
-}
-
-impl Servo {
-    /// The tick with a model that is so old, ticks.
-    pub(super) fn tick(&mut self, tick: u64, tip: Tip, model: &ContactModel, age: u64) {
-        let input = ServoInput {
-            tick,
-            position_m: tip.place_m.to_array(),
-            velocity_m_s: tip.velocity_m_s.to_array(),
-            dt_s: DT_S,
-            model,
-            model_age_ticks: age as u32,
-            applied_n: None,
-            medium_n: [0.0; 3],
-        };
-        let (state, output) = servo_step(&self.params, &self.state, &input);
-        let force_n = Vec3::from(output.force_n);
-        *self = Servo { state, force_n, step_n: force_n.distance(self.force_n), ..*self };
-    }
 }
 
 /// A way of the tip changes the push by as much as the coupling makes of it, friction by its share of that, and the bristle by a tenth.
@@ -188,7 +139,7 @@ fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage, goes: Goes) -> Felt {
         }
         let record = input_of(main, tick, &pose, tip);
         now = fed(main, device, &now, &record);
-        fresh = model_of(main);
+        fresh = model_of(&main.planes);
         if deaf_at == u64::MAX && core_of(&now).contact_count > 0 {
             deaf_at = tick + deep;
         }

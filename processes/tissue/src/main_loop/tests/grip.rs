@@ -1,8 +1,9 @@
 //! Promise of tissue, servo and hand in their loop: a hand that presses and holds still is pushed with what the tissue does to the tool, and comes to rest.
 
-use super::blind::{DT_S, Servo, Tip, input_of, model_of, pressing};
+use super::blind::{input_of, pressing};
 use super::*;
 use crate::contacts::LAW;
+use crate::served::{DT_S, Servo, Tip, model_of};
 use glam::Vec3;
 use hyst_coupling::{
     ContactModel, EnergyParams, EnergyState, HandModel, HandState, Pose4, ServoParams, energy_step, hand_dynamics,
@@ -51,7 +52,7 @@ fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage, hand: &HandModel, mut se
         let record = input_of(main, tick, &Way { pitch_rad, yaw_rad, roll_rad, insertion_m }, tip);
         if is_read(main, tick) {
             now = fed(main, device, &now, &record);
-            (model, made_at) = (model_of(main), tick);
+            (model, made_at) = (model_of(&main.planes), tick);
         } else {
             device.push(device::INPUTS, tick, &record);
         }

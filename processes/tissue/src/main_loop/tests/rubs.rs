@@ -1,9 +1,10 @@
 //! Promise of tissue and servo about a tip that slides along a wall: both are rubbed by the same coefficient, the tissue by what presses on it wherever it is,
 //! the hand by what of that is felt at the tip.
 
-use super::blind::{DT_S, MEETS, SPEED_M_S, Servo, Tip, input_of, model_of, pressing};
+use super::blind::{MEETS, SPEED_M_S, input_of, pressing};
 use super::*;
 use crate::contacts::LAW;
+use crate::served::{DT_S, Servo, Tip, model_of};
 use glam::Vec3;
 use hyst_contact::Memory;
 use hyst_coupling::ContactModel;
@@ -23,7 +24,7 @@ fn told(main: &MainLoop<'_>, page: &hyst_exchange::ReadPage) -> ContactModel {
     let told = model.planes.iter().map(|plane| (plane.point_m, plane.normal, plane.stiffness_n_m));
     let own = main.planes.planes.iter().map(|plane| (plane.point_m, plane.normal, plane.stiffness_n_m));
     assert!(told.zip(own).take(model.plane_count as usize).all(|(told, own)| told == own));
-    ContactModel { friction: model.friction, ..model_of(main) }
+    ContactModel { friction: model.friction, ..model_of(&main.planes) }
 }
 
 /// What was felt on a way over one place in one direction: forces on the hand, N, the mean of some ticks.
