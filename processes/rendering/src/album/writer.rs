@@ -131,6 +131,8 @@ mod tests {
         assert!(writer.heard(Duration::ZERO).is_none());
         let (all, left) = writer.end(Duration::ZERO);
         assert_eq!((all.len(), left), (0, WAITING + 1));
+        // The reader comes after all: the thread has the folder no more, and can put no file into it while it is removed.
+        assert!(!std::fs::read(folder.join(FILM)).unwrap().is_empty());
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }
