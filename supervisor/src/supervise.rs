@@ -33,7 +33,7 @@ use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, SUPERVISOR_PRIORITY};
 use hyst_exchange::{LinkError, OwnedPage, Roster, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -114,15 +114,8 @@ struct Supervisor {
     asked: VecDeque<(Request, Sender<String>)>,
     /// When the last one was answered.
     answered_ns: u64,
-    /// Incarnations that were replaced because others distrust them.
-    heeded: BTreeSet<u32>,
-    /// Lives of the hardware of which the operator was told that they say what cannot be.
-    doubted: BTreeSet<u32>,
-    helpers: distrust::Standing,
-    /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
-    standing: BTreeMap<u32, (u64, u64)>,
-    /// Incarnations that were ready and whose pages did not say so at the last look.
-    unsound: BTreeSet<u32>,
+    /// Who is not trusted, and what others say of them.
+    distrusted: distrust::Distrusted,
     /// The swap that is under way; the way into the own inbox, for its judge; those who die for it.
     trial: Option<trial::Trial>,
     tell_self: Sender<Input>,
@@ -187,11 +180,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         accounting: None,
         asked: VecDeque::new(),
         answered_ns: 0,
-        heeded: BTreeSet::new(),
-        doubted: BTreeSet::new(),
-        helpers: distrust::Standing::default(),
-        standing: BTreeMap::new(),
-        unsound: BTreeSet::new(),
+        distrusted: distrust::Distrusted::default(),
         trial: None,
         tell_self: tell,
         dismissed: BTreeSet::new(),

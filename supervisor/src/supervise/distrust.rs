@@ -2,6 +2,7 @@
 //! somebody else does their work. So does it with one whose own page says what cannot be, and with one that says itself that a thread that helps it stands
 //! still.
 
+mod alone;
 mod helpers;
 
 use super::Supervisor;
@@ -13,7 +14,7 @@ use hyst_messages::page::device::{self, Distrust};
 use hyst_messages::page::haptic;
 use hyst_messages::{Role, Slot};
 
-pub(super) use helpers::Standing;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A servo that only stands still is found by its heartbeat. One that has computed so many steps while its stamp stood still is not to be trusted:
 /// on a busy machine a healthy one beats without a step while it waits to be connected with a new device.
@@ -23,17 +24,37 @@ const SERIES_NS: u64 = 20_000_000;
 /// What was said longer ago is forgotten, ns.
 const FORGOTTEN_NS: u64 = 500_000_000;
 
+/// Who is not trusted, by incarnation, and what others say of them.
+#[derive(Debug, Default)]
+pub(super) struct Distrusted {
+    /// Who was replaced because others distrust it.
+    heeded: BTreeSet<u32>,
+    /// Lives of the hardware of which the operator was told that they say what cannot be.
+    doubted: BTreeSet<u32>,
+    /// What is said of those who are alone in their roles.
+    alone: alone::Alone,
+    /// Who says that a thread that helps it stands still.
+    helpers: helpers::Standing,
+    /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
+    standing: BTreeMap<u32, (u64, u64)>,
+    /// Who was ready and whose page did not say so at the last look.
+    unsound: BTreeSet<u32>,
+}
+
 impl Supervisor {
     /// Replaces those whose output is refused (not finite, out of range, for another input, frozen, without progress). One that only differs or
     /// is late is not killed: two servos that lost different ticks to a stall differ in the last bits, and the host stalls everybody now and then.
     pub(super) fn heed(&mut self, now_ns: u64) {
         let (charges, standstills) = mischief::charges(&mut self.viewer);
+        let page = self.viewer.page();
+        self.distrusted.alone.keep(|incarnation| self.slots.iter().any(|slot| page.incarnation(*slot) == incarnation));
         self.heed_helpers(standstills, now_ns);
         // In the order of the slots: whoever stands nearer to the hand is heard first, and who is replaced is not heard any more, because one that
         // lies about its own state makes honest ones look wrong.
         for charge in charges {
             let Some(slot) = self.slot_of(charge.incarnation) else { continue };
-            if self.heeded.contains(&self.viewer.page().incarnation(charge.by)) {
+            let accuser = self.viewer.page().incarnation(charge.by);
+            if self.distrusted.heeded.contains(&accuser) || self.distrusted.alone.is_doubted(accuser, slot.role(), now_ns) {
                 continue;
             }
             if self.is_newcomer(charge.incarnation) {
@@ -51,28 +72,31 @@ impl Supervisor {
             if self.is_unproven(charge.by) {
                 continue;
             }
-            if self.heeded.contains(&charge.incarnation) || !self.is_grave(&charge, slot, now_ns) {
+            if self.distrusted.heeded.contains(&charge.incarnation) || !self.is_grave(&charge, slot, now_ns) {
                 continue;
             }
             if slot.role() == Role::Hardware {
                 // Nobody stands in for the device on the desk: what cannot be is not used, and the operator is told once.
-                if self.doubted.insert(charge.incarnation) {
+                if self.distrusted.doubted.insert(charge.incarnation) {
                     let text = "what it says cannot be, and is not used; `hystation conformance driver` tries a driver";
                     journal::say(&self.station, &format!("{slot} is distrusted by {}: {text}", charge.by));
                 }
                 continue;
             }
-            if !self.is_covered(slot, charge.by) {
+            let is_covered = self.is_covered(slot, charge.by);
+            if !is_covered && !self.serves_nobody(slot, &charge) {
                 continue;
             }
-            self.heeded.insert(charge.incarnation);
+            self.distrusted.heeded.insert(charge.incarnation);
             let why = match charge.why {
                 why if why == Distrust::Frozen as u64 => "its output stands still",
                 why if why == Distrust::Still as u64 => "its stamp stands still",
                 _ => "its output is not valid",
             };
             let state = self.refused_in_words(&charge);
-            journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}{state}", charge.by));
+            let alone =
+                if is_covered { "" } else { ", and the role goes on from a checkpoint, for nobody else has a state of it" };
+            journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}{state}{alone}", charge.by));
             let incarnation = charge.incarnation;
             self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
             self.end_guilty(slot, incarnation, now_ns);
@@ -87,15 +111,15 @@ impl Supervisor {
     /// Replaces those who were ready, live on, and say at two looks in a row that they are anything else: nobody would wait for such a page to become whole
     /// again, and its owner writes its state only when that changes.
     pub(super) fn heed_states(&mut self, now_ns: u64) {
-        let before = std::mem::take(&mut self.unsound);
+        let before = std::mem::take(&mut self.distrusted.unsound);
         for slot in self.slots.clone() {
             let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
             let state = self.viewer.slot_page(slot).map(|page| page.state());
             if dead || state.is_none_or(ProcessState::is_ready) || self.policy.ready(slot) != Some(incarnation) {
                 continue;
             }
-            self.unsound.insert(incarnation);
-            if before.contains(&incarnation) && self.heeded.insert(incarnation) {
+            self.distrusted.unsound.insert(incarnation);
+            if before.contains(&incarnation) && self.distrusted.heeded.insert(incarnation) {
                 journal::say(
                     &self.station,
                     &format!(
@@ -128,11 +152,11 @@ impl Supervisor {
         if slot.role() == Role::Haptic && !charge.is(Distrust::Invalid) && !charge.is(Distrust::Frozen) {
             let stands = charge.is(Distrust::Still) && now_ns.saturating_sub(charge.last_ns) < SERIES_NS;
             if !stands {
-                self.standing.remove(&charge.incarnation);
+                self.distrusted.standing.remove(&charge.incarnation);
                 return false;
             }
             let (steps, stamp) = (self.steps_of(slot), self.stamp_of(slot));
-            let stood = self.standing.entry(charge.incarnation).or_insert((steps, stamp));
+            let stood = self.distrusted.standing.entry(charge.incarnation).or_insert((steps, stamp));
             // One that is not let run for three ticks again and again stands still at each look of the device, and yet goes on.
             if stood.1 != stamp {
                 *stood = (steps, stamp);
@@ -140,6 +164,25 @@ impl Supervisor {
             return steps.saturating_sub(stood.0) >= STILL_STEPS;
         }
         charge.is(Distrust::Invalid) || charge.is(Distrust::Frozen) || charge.is(Distrust::Still)
+    }
+
+    /// Whether one that is alone in its role does nobody's work, because who reads it refuses what it says.
+    fn serves_nobody(&mut self, slot: Slot, charge: &Charge) -> bool {
+        if !matches!(slot.role(), Role::Tissue | Role::Fluid) {
+            return false;
+        }
+        let used_ticks = self.used_ticks(slot.role());
+        self.distrusted.alone.hear(charge, used_ticks)
+    }
+
+    /// How old is what the device uses of a role, ticks; 0 if that is not known.
+    fn used_ticks(&mut self, role: Role) -> u64 {
+        let page = self.viewer.slot_page(Slot::first(Role::Device));
+        let newest = page.and_then(|page| page.ring(device::INPUTS, page.ring_end(device::INPUTS).checked_sub(1)?));
+        newest.map_or(0, |input| {
+            let used = if role == Role::Fluid { input.medium_tick } else { input.model.state_tick };
+            input.tick.saturating_sub(used)
+        })
     }
 
     /// The stamp of a servo's newest force.
@@ -157,12 +200,14 @@ impl Supervisor {
             Role::Haptic => {
                 let page = self.viewer.slot_page(Slot::first(Role::Device));
                 let followed = page.map_or(0, |page| page.load64(device::SELECTED_INCARNATION) as u32);
-                followed != 0 && followed != self.viewer.page().incarnation(slot) && !self.heeded.contains(&followed)
+                followed != 0 && followed != self.viewer.page().incarnation(slot) && !self.distrusted.heeded.contains(&followed)
             }
             Role::Tissue | Role::Fluid => {
                 let others = (0..slot.role().slots().1).filter_map(|index| Slot::new(slot.role(), index));
                 let mut others = others.filter(|other| *other != slot && !other.is_guest());
-                others.any(|other| !self.heeded.contains(&self.viewer.page().incarnation(other)) && self.viewer.is_well(other))
+                others.any(|other| {
+                    !self.distrusted.heeded.contains(&self.viewer.page().incarnation(other)) && self.viewer.is_well(other)
+                })
             }
             _ => false,
         }

@@ -85,12 +85,12 @@ impl Supervisor {
         for (charge, thread) in standstills {
             let (slot, incarnation, name) = (charge.by, charge.incarnation, thread.name());
             if now_ns.saturating_sub(charge.last_ns) > OVER_NS {
-                self.helpers.excused.remove(&incarnation); // it has got on
+                self.distrusted.helpers.excused.remove(&incarnation); // it has got on
                 continue;
             }
             let pid = self.viewer.page().pid(slot);
             let times_ns = [now_ns, charge.last_ns];
-            if slot.role() == Role::Hardware || !self.helpers.look(incarnation, times_ns, || states(pid, name)) {
+            if slot.role() == Role::Hardware || !self.distrusted.helpers.look(incarnation, times_ns, || states(pid, name)) {
                 continue;
             }
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: its {name} stands still"));
