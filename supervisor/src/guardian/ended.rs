@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn an_empty_file_goes_with_its_station_where_only_the_folder_was_named() {
-        let station = Station::named(&format!("t{}-ended", std::process::id())).unwrap();
+        let station = Station::named(&format!("t{}-unbegun", std::process::id())).unwrap();
         station.wipe();
         station.found().unwrap();
         let file = std::env::temp_dir().join(format!("hystation-ended-{}.mcap", std::process::id()));
