@@ -280,9 +280,9 @@ pub struct RunArgs {
     /// No live table even on a terminal.
     #[arg(long, hide = true)]
     pub quiet: bool,
-    /// Stop when the process that started this one has ended, however.
-    #[arg(long, hide = true)]
-    pub with_parent: bool,
+    /// Stop when the process of this id, which is to have started this one, has ended, however.
+    #[arg(long, hide = true, value_name = "PID")]
+    pub with_parent: Option<u32>,
     /// A folder for what it writes, made with the station and removed with it.
     #[arg(long, hide = true)]
     pub passing: Option<PathBuf>,

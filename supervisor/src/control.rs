@@ -288,14 +288,20 @@ mod tests {
         // Half of them hang up: those beyond the few take nobody's place.
         let ask = |hangs_up: bool| {
             let mut stream = UnixStream::connect(&path).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
             stream.write_all(b"{\"do\":\"report\"}\n").unwrap();
             (!hangs_up).then_some(stream)
         };
         let waiting: Vec<UnixStream> = (0..MOST_CLIENTS / 2).filter_map(|index| ask(index % 2 == 0)).collect();
+        let answer_of = |mut stream: UnixStream| {
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).map(|_| answer)
+        };
+        let everybody = std::thread::spawn(move || waiting.into_iter().map(answer_of).collect::<Vec<_>>());
         let mut most = 0;
-        // The first waits until the thread has taken what it will; the last has nothing more to come.
-        while let Ok(Input::Request(_, reply)) = inbox.recv_timeout(100 * LOOK) {
-            let mut asked = vec![reply];
+        // Until everybody has an answer, however long the thread that takes their requests gets no time.
+        while !everybody.is_finished() {
+            let mut asked = Vec::new();
             while let Ok(Input::Request(_, reply)) = inbox.recv_timeout(4 * LOOK) {
                 asked.push(reply);
             }
@@ -303,10 +309,8 @@ mod tests {
             asked.into_iter().for_each(|reply| drop(reply.send(good(serde_json::json!(1)))));
         }
         assert!((2..=MOST_ASKED).contains(&most), "{most}");
-        for mut stream in waiting {
-            let mut answer = String::new();
-            stream.read_to_string(&mut answer).unwrap();
-            assert!(answer.contains("true"), "{answer:?}");
+        for answer in everybody.join().unwrap() {
+            assert!(answer.as_ref().is_ok_and(|answer| answer.contains("true")), "{answer:?}");
         }
         station.wipe();
     }
@@ -359,9 +363,8 @@ mod tests {
         let mut deaf = UnixStream::connect(&path).unwrap();
         deaf.write_all(format!("{}\n", serde_json::to_string(&Request::Report).unwrap()).as_bytes()).unwrap();
         asked.recv().unwrap();
-        let begun = Instant::now();
+        // A server that waited for the deaf one would give it up in the end, and what is heard below would be cut off.
         assert_eq!(ask(&station, &Request::Stop), Ok(serde_json::json!(false)), "nor do deaf ones");
-        assert!(begun.elapsed() < HEARD_WITHIN / 2, "it waited for the deaf one");
         let mut heard = String::new();
         deaf.read_to_string(&mut heard).unwrap();
         assert!(heard.len() > LARGE && heard.ends_with("}\n"), "who reads late gets the whole answer: {}", heard.len());

@@ -172,7 +172,8 @@ impl Fault {
         self.recovered_us = Some(us(at_ns, self.injected_ns));
     }
 
-    fn is_of_servo(&self) -> bool {
+    /// Whether it hit a servo.
+    pub(crate) fn is_of_servo(&self) -> bool {
         Role::name_in(&self.target) == Role::Haptic.name()
     }
 
@@ -212,8 +213,7 @@ impl Fault {
 
     /// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`.
     pub fn most_step_n(&self, quiet_n: f64) -> f64 {
-        let by_design_n = if self.may_let_the_force_fade() { DEVICE_STEP_N } else { 0.0 };
-        quiet_n.max(by_design_n) + STEP_MARGIN_N
+        most_step_n(quiet_n, self.may_let_the_force_fade())
     }
 
     /// The station tick at which a servo that was hit had recovered; `None` of any other process.
@@ -248,6 +248,12 @@ impl Fault {
         let may_cost_some = self.may_cost_ticks.is_some_and(|ticks| ticks > 0);
         may_cost_some || self.target == Role::Device.name() || self.is_of_both_servos()
     }
+}
+
+/// Largest step of the force that is allowed, N, where fault-free ticks make `quiet_n`, and by one that `may_fade` the force what that makes by design.
+pub(crate) fn most_step_n(quiet_n: f64, may_fade: bool) -> f64 {
+    let by_design_n = if may_fade { DEVICE_STEP_N } else { 0.0 };
+    quiet_n.max(by_design_n) + STEP_MARGIN_N
 }
 
 fn us(at_ns: u64, since_ns: u64) -> f64 {

@@ -12,9 +12,9 @@ pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
 pub use thread::Helper;
 
-use crate::bounded;
 use crate::moment::MOST_PHASE_US;
 use hyst_messages::{Role, Slot};
+use hyst_scene::bounded::{self, Unread};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -98,7 +98,7 @@ pub struct FaultFile {
 pub enum FaultFileError {
     /// It cannot be read.
     #[error("fault file {0}: {1}; give the path of a readable file")]
-    Read(String, std::io::Error),
+    Read(String, Unread),
     /// It is not TOML of this form.
     #[error("fault file {0}: {1}")]
     Form(String, String),

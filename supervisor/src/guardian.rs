@@ -29,7 +29,7 @@ use crate::supervise::register;
 use crate::terminal::{self, Size};
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use bell::Bell;
-use ended::{count_leftovers, judge, recorded, remove_unbegun};
+use ended::{count_leftovers, judge, owes_report, recorded, remove_unbegun};
 use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::{Address, Told};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
@@ -116,7 +116,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let order = Order { report, for_s: args.for_s, until_end: args.until_end, in_folder, ..Order::default() };
     let name = take_name(&station)?;
     let wanted = Wanted { settings: &settings, in_folder, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
-    let ground = settle(&station, &wanted, order)?;
+    let ground = settle(&station, &wanted, order, &|| signals.stop.load(Ordering::Relaxed))?;
     drop(case); // the root has it
     let draw = terminal::can_be_drawn_on() && !args.quiet;
     // On a virtual clock nobody's hand is to be warned.
@@ -367,7 +367,7 @@ impl Guardian {
         if let Some(file) = unbegun {
             self.printer.say(&format!("{} is removed: no recording was begun in it", file.display()));
         }
-        let mut code = judge(&report, &left, plan, loss.is_some());
+        let mut code = judge(&report, &left, owes_report(&self.page, plan), loss.is_some());
         if let Some(verdict) = verdict {
             self.printer.say(&verdict.message);
             code = verdict.code;

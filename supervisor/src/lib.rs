@@ -13,7 +13,6 @@ pub mod proc;
 
 mod accounts;
 mod active;
-mod bounded;
 mod build;
 mod case;
 mod clean;

@@ -50,6 +50,10 @@ impl Refusal {
             _ => Refusal::input(message),
         }
     }
+    /// It was asked to stop before anything was started: that is good.
+    pub fn stopped() -> Refusal {
+        Refusal { code: 0, message: "asked to stop, and nothing was started".into() }
+    }
     /// What came of it is lost.
     pub fn lost(message: impl Into<String>) -> Refusal {
         Refusal { code: 3, message: message.into() }
@@ -218,7 +222,7 @@ fn check_driver(args: &RunArgs, file: &Path, given_up: &dyn Fn() -> bool) -> Res
     }
     let file = absolute(file)?;
     verify(&file, Role::Hardware, given_up).map_err(|reason| match given_up() {
-        true => Refusal::failed("interrupted, and nothing was started"),
+        true => Refusal::stopped(),
         false => Refusal::input(format!("--driver: {reason}; docs/driver.md says what a driver is")),
     })?;
     Ok(file)

@@ -6,6 +6,7 @@ mod complaint;
 mod distrust;
 mod effects;
 mod kept;
+mod mourning;
 mod reach;
 mod resume;
 mod rights;
@@ -321,6 +322,7 @@ impl Supervisor {
         crate::intent::Intent::end_of(incarnation, &self.page);
         let is_mourned = !is_dismissed && !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0;
         let words = self.words_of(slot, exit);
+        self.note_end(slot, exit);
         if is_dismissed || is_mourned {
             self.sample(death.at_ns, slot, None);
             self.cleaner.ask(death.at_ns);
@@ -342,22 +344,6 @@ impl Supervisor {
         if is_urgent {
             tell(self);
         }
-    }
-
-    fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death, words: &str) {
-        let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
-        journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
-        if was_last {
-            journal::say(&self.station, "no servo is left: the force fades, and comes back with the next one");
-        }
-        self.faults.died(slot, incarnation, exit, death);
-        self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
-    }
-
-    /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.
-    fn has_another_servo(&mut self, dead: Slot) -> bool {
-        let slots = (0..Role::Haptic.slots().1).filter_map(|index| Slot::new(Role::Haptic, index));
-        slots.filter(|slot| *slot != dead).any(|slot| self.viewer.is_well(slot))
     }
 
     fn answer(&mut self, request: &Request) -> String {

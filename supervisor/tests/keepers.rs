@@ -2,10 +2,9 @@
 
 mod place;
 
-use place::{PATIENCE, Place, ended, pid_of, send, text};
+use place::{Place, await_that, ended, pid_of, send, text};
 use rustix::process::Signal;
 use std::process::{Child, Stdio};
-use std::time::Instant;
 
 #[test]
 fn keepers_are_hurt_in_test_mode_and_replaced_and_the_report_tells_of_it() {
@@ -76,14 +75,6 @@ fn most_files(pid: u64) -> String {
 
 fn is_stopped(pid: u64) -> bool {
     said(pid, "status", "State:") == "T"
-}
-
-fn await_that(what: &str, holds: impl Fn() -> bool) {
-    let since = Instant::now();
-    while !holds() {
-        assert!(since.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
-        std::thread::yield_now();
-    }
 }
 
 /// Ctrl-C at `fault inject no-files guardian --for 60s` left the guardian without files for good, and at `stop` both keepers standing.

@@ -255,6 +255,22 @@ fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same(
     }
 }
 
+/// Of a campaign that was killed right after it had started a station the system told that station nothing: it ran on for half an hour.
+#[test]
+fn a_station_whose_parent_is_gone_before_it_is_bound_to_it_ends_at_once_and_one_whose_parent_is_there_runs() {
+    let place = Place::new("parent");
+    // That of this test is not that of the station.
+    let option = format!("--with-parent={}", std::os::unix::process::parent_id());
+    let output = place.start(&[&option, "--for", "100ms"]).wait_with_output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.lines().count() == 1 && said.contains(&option) && said.contains("nothing was started"), "{said}");
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+    let option = format!("--with-parent={}", std::process::id());
+    let output = place.start(&[&option, "--for", "100ms"]).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
 #[test]
 fn bad_arguments_give_one_message_and_code_2_and_start_nothing() {
     let place = Place::new("bad");

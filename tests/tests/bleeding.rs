@@ -126,7 +126,8 @@ fn staunching(name: &str, electrode: &str, faults: &str) -> (Value, Recording, u
         (folder.as_path().join("report.json"), folder.path("session.mcap"), folder.write("faults.toml", faults));
     let (roles, length) = (format!("{ROLES},recorder"), format!("{}s", (done_s + LOOK_S[1]).ceil()));
     let mut command = hystation();
-    command.args(["--name", &format!("b{}-{name}", std::process::id()), "run", "--headless", "--lockstep", &scene]);
+    // Not a name that `resection` takes: two tests of this file run at a time.
+    command.args(["--name", &format!("w{}-{name}", std::process::id()), "run", "--headless", "--lockstep", &scene]);
     command.args(["--hand", "script:staunch", "--roles", &roles, "--for", &length, "--record", &recording]);
     command.args(["--test-mode", "--faults", &file, "--report"]);
     let (code, _, said) = run(command.arg(&report));

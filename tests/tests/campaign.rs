@@ -55,9 +55,8 @@ fn results(folder: &Folder) -> Vec<Value> {
 
 /// What is left of a station of this name.
 fn left() -> Option<String> {
-    let mine = format!("campaign-{}", std::process::id());
-    let names = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
-    names.map(|entry| entry.file_name().to_string_lossy().into_owned()).find(|name| name.contains(&mine))
+    let station = hyst_exchange::Station::named(&format!("campaign-{}", std::process::id())).expect("a name");
+    station.leftovers().first().map(|path| path.display().to_string())
 }
 
 /// Nothing of a station of this name is left.

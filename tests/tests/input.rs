@@ -3,7 +3,7 @@
 use station_tests::{Folder, Station, hystation, run, wait_for};
 
 /// The scripted hand touches the tissue once in each round of 2 s.
-const TOUCH_LIMIT: std::time::Duration = std::time::Duration::from_secs(20);
+const TOUCH_LIMIT: std::time::Duration = std::time::Duration::from_secs(60);
 
 /// A block of 4 × 4 × 4 cubes of five tets each, 4 cm wide, as a Gmsh 2.2 file.
 fn block() -> String {

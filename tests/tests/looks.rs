@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A software driver on a busy machine takes seconds for its first pictures.
-const PICTURE_LIMIT: Duration = Duration::from_secs(60);
+const PICTURE_LIMIT: Duration = Duration::from_secs(180);
 
 /// A session in lock-step in which a chip is cut, and for how long the hand looks before it does: rendering, for which nobody waits, is there by then.
 const SESSION: &str = "17s";

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The scripted hand touches the tissue once in each round of 2 s.
-const TOUCH_LIMIT: Duration = Duration::from_secs(20);
+const TOUCH_LIMIT: Duration = Duration::from_secs(60);
 
 /// The uterus of the default scene, read from its file: nodes in mm, tets.
 struct Organ {

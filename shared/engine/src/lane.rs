@@ -76,7 +76,15 @@ mod tests {
         let core = last.core;
         assert_eq!(Lane::word(Some(&last)), core as u64 + 1);
         drop(last);
-        assert!(Lane::take().is_some_and(|lane| lane.core == core));
+        // A child of another test has this one's files, the names too, until it has become another program.
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        let again = loop {
+            match Lane::take() {
+                None if system::now_ns() < deadline_ns => system::sleep_ns(1_000_000),
+                again => break again,
+            }
+        };
+        assert!(again.is_some_and(|lane| lane.core == core));
         assert!(system::unpin());
     }
 }

@@ -287,7 +287,7 @@ mod tests {
     fn a_sentinel_that_may_run_is_not_starved_and_ends_with_who_listens_to_it() {
         let room = Room::of_this_core();
         let ran_ns = &room.sentinel.as_ref().expect("a thread").0;
-        let (first_ns, limit_ns) = (ran_ns.load(Ordering::Relaxed), system::now_ns() + 10_000_000_000);
+        let (first_ns, limit_ns) = (ran_ns.load(Ordering::Relaxed), system::now_ns() + 60_000_000_000);
         while ran_ns.load(Ordering::Relaxed) < first_ns + STARVED_NS && system::now_ns() < limit_ns {
             std::thread::yield_now();
         }

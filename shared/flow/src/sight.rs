@@ -63,6 +63,7 @@ fn cell_at(grid: &Grid, place_m: [f32; 3]) -> Option<usize> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
 
     const AHEAD: [f32; 3] = [0.0, 0.0, 1.0];
 
@@ -132,6 +133,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(9), failure_persistence: None, ..ProptestConfig::default() })]
+
         #[test]
         fn any_eye_ray_and_density_give_a_share_or_nothing(
             eye in prop::array::uniform3(any::<u32>()),

@@ -4,6 +4,7 @@ mod scene;
 
 use hyst_flow::{Capsule, FlowError, FlowInputs, FlowModel, Grid, MAX_SPEED_M_S, Solver, StateView, Wall};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 #[test]
 fn absurd_grids_are_refused() {
@@ -153,7 +154,7 @@ fn wild_inputs(step: u32, next: &mut impl Iterator<Item = f32>) -> FlowInputs {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 60, rng_seed: RngSeed::Fixed(5), failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn any_bits_as_inputs_leave_a_valid_state(
         numbers in prop::collection::vec(prop_oneof![any::<u32>().prop_map(f32::from_bits), -2.0f32..2.0, -0.03f32..0.03], 509),

@@ -4,6 +4,7 @@ mod scene;
 
 use hyst_flow::{Alarms, FlowInputs, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 fn run(model: &PumpModel, input: &PumpInput, seconds: f64) -> (PumpState, PumpReport) {
     let mut state = PumpState::default();
@@ -220,7 +221,7 @@ fn an_alarm_begins_at_its_limit_and_ends_only_when_that_is_passed_by_so_much() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 40, rng_seed: RngSeed::Fixed(7), failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn what_swings_about_a_limit_is_one_alarm_that_begins_at_once(swings in prop::collection::vec(-0.99f64..3.0, 1..100)) {
         for (name, signal, of) in SIGNALS {

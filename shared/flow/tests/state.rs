@@ -4,6 +4,7 @@ mod scene;
 
 use hyst_flow::{FlowError, Solver, StateView, state_bytes};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 const CELLS: [usize; 3] = [16, 14, 10];
 
@@ -134,7 +135,7 @@ fn a_view_of_the_form_alone_reads_the_same_and_refuses_what_is_of_another_form()
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 300, rng_seed: RngSeed::Fixed(3), failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn damaged_states_never_panic_and_never_pass(flips in prop::collection::vec((0usize..1_000_000, 1u64..), 1..4), header in any::<bool>()) {
         let solver = Solver::new(scene::model([4, 4, 3]), 1).unwrap();

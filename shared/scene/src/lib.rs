@@ -13,6 +13,8 @@
 //! instrument follows Tuchschmid et al., “A Flexible Framework for Highly-Modular Surgical Simulation Systems” (ISBMS 2006).
 #![deny(unsafe_code)]
 
+pub mod bounded;
+
 mod case;
 mod electrode;
 mod embedded;

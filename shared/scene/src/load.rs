@@ -1,7 +1,7 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
 use crate::case::{Past, Seat, Seats};
-use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::error::SceneError;
 use crate::file::Scene;
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
 use crate::fluid::LoadedFluid;
@@ -13,8 +13,8 @@ use crate::object::{self, RawObject};
 use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
 use crate::rigid::{LoadedRigid, load_rigid};
-use crate::source::{Folder, read_bounded};
-use crate::{case, embedded, mirror, parts, region, wrap};
+use crate::source::{Folder, unusable};
+use crate::{bounded, case, embedded, mirror, parts, region, wrap};
 use glam::Vec3;
 use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
@@ -98,11 +98,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Found, SceneError> {
         return Ok(Found::Scene(Box::new(ReadScene { scene, text: String::new(), origin, folder })));
     }
     let cure = "give the path of a scene or a case (.toml), or of a mesh";
-    let bytes = read_bounded(path, MAX_SCENE_BYTES as u64, "", cure).map_err(|error| error.at(&origin))?;
-    let text = String::from_utf8(bytes).map_err(|error| {
-        let what = format!("byte {} is not UTF-8 text", error.utf8_error().valid_up_to());
-        SceneError::new(Kind::Syntax, "", what, "save the file as UTF-8").at(&origin)
-    })?;
+    let text = bounded::text(path, MAX_SCENE_BYTES as u64).map_err(|why| unusable(path, why, "", cure).at(&origin))?;
     if case::is_case(&text) {
         return Ok(Found::Case(text));
     }

@@ -1,10 +1,10 @@
 //! Where the bytes of a scene and its meshes come from: a folder, or the binary itself.
 
+use crate::bounded::{self, Unread};
 use crate::embedded;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Largest mesh file, in bytes: a mesh of the most tets that are simulated here has some 30 MB.
@@ -36,33 +36,31 @@ impl Folder {
             Folder::Disk(folder) => {
                 let path = folder.join(name);
                 let cure = "correct the name; it is relative to the folder of the scene";
-                let bytes = read_bounded(&path, MAX_MESH_BYTES, key, cure)?;
+                let bytes = bounded::bytes(&path, MAX_MESH_BYTES).map_err(|why| unusable(&path, why, key, cure))?;
                 Ok((Cow::Owned(bytes), path.display().to_string()))
             }
         }
     }
 }
 
-/// Reads a file of at most `limit` bytes. A folder, a pipe or a device is refused, so that nothing here waits for ever.
-pub(crate) fn read_bounded(path: &Path, limit: u64, key: &str, cure: &str) -> Result<Vec<u8>, SceneError> {
+/// Why a file of a scene cannot be used.
+pub(crate) fn unusable(path: &Path, why: Unread, key: &str, cure: &str) -> SceneError {
     let shown = path.display();
-    let missing = |error: std::io::Error| {
-        let why = match error.kind() {
-            std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-            _ => error.to_string(),
-        };
-        SceneError::new(Kind::Missing, key, format!("cannot read {shown}: {why}"), cure)
-    };
-    let metadata = std::fs::metadata(path).map_err(missing)?;
-    if !metadata.is_file() {
-        let what = if metadata.is_dir() { "a folder" } else { "a pipe or a device" };
-        return Err(SceneError::new(Kind::Missing, key, format!("{shown} is {what}, not a file"), cure));
+    match why {
+        Unread::System(error) => {
+            let why = match error.kind() {
+                ErrorKind::NotFound => "there is no such file".to_owned(),
+                _ => error.to_string(),
+            };
+            SceneError::new(Kind::Missing, key, format!("cannot read {shown}: {why}"), cure)
+        }
+        Unread::NoFile(what) => SceneError::new(Kind::Missing, key, format!("{shown} is {what}, not a file"), cure),
+        Unread::TooLarge(most_bytes) => {
+            let what = format!("{shown} has more than {} MB", most_bytes >> 20);
+            SceneError::new(Kind::TooLarge, key, what, "use a coarser mesh, and check that this is the right file")
+        }
+        Unread::NoText(byte) => {
+            SceneError::new(Kind::Syntax, key, format!("byte {byte} is not UTF-8 text"), "save the file as UTF-8")
+        }
     }
-    let mut bytes = Vec::new();
-    File::open(path).map_err(missing)?.take(limit + 1).read_to_end(&mut bytes).map_err(missing)?;
-    if bytes.len() as u64 > limit {
-        let what = format!("{shown} has more than {} MB", limit >> 20);
-        return Err(SceneError::new(Kind::TooLarge, key, what, "use a coarser mesh, and check that this is the right file"));
-    }
-    Ok(bytes)
 }

@@ -248,12 +248,12 @@ fn the_hand_that_has_cut_waits_with_the_outflow_open_over_what_it_has_cut() {
     }
 }
 
-/// A scene of the assets with another loop.
-fn with_loop(name: &str, electrode: &str) -> LoadedScene {
+/// A scene of the assets with another loop, in a file that bears the name of its test.
+fn with_loop(test: &str, name: &str, electrode: &str) -> LoadedScene {
     let text = std::fs::read_to_string(folder().join(format!("{name}.toml"))).unwrap();
     let meshes = format!("\"{}", folder().join("../meshes").display());
     let text = text.replace("\"../meshes", &meshes).replace("points = 400", &format!("loop = {{ {electrode} }}"));
-    let path = std::env::temp_dir().join(format!("hyst-scene-{}-{name}-{}.toml", std::process::id(), electrode.len()));
+    let path = std::env::temp_dir().join(format!("hyst-scene-{}-{test}-{name}-{}.toml", std::process::id(), electrode.len()));
     std::fs::write(&path, text).unwrap();
     let scene = load(&path).unwrap_or_else(|error| panic!("{error}"));
     std::fs::remove_file(&path).unwrap();
@@ -263,7 +263,7 @@ fn with_loop(name: &str, electrode: &str) -> LoadedScene {
 #[test]
 fn without_a_loop_a_pathology_is_reached_without_touching_the_wall() {
     for (name, _) in scenes() {
-        let scene = with_loop(&name, "reach_m = 0.0");
+        let scene = with_loop("reached", &name, "reach_m = 0.0");
         assert_eq!(scene.notes, Vec::<String>::new(), "{name}");
         let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
         assert_eq!((hand.target, hand.legs.len()), (Some(1), 0), "{name}");
@@ -277,7 +277,7 @@ fn without_a_loop_a_pathology_is_reached_without_touching_the_wall() {
 
 #[test]
 fn where_there_is_no_room_to_draw_the_loop_the_hand_does_what_it_does_without_one_and_a_note_says_so() {
-    let (roomless, without) = (with_loop("default", "radius_m = 0.015"), with_loop("default", "reach_m = 0.0"));
+    let [roomless, without] = ["radius_m = 0.015", "reach_m = 0.0"].map(|electrode| with_loop("roomless", "default", electrode));
     assert_eq!(roomless.hand("polyp"), without.hand("polyp"));
     assert!(roomless.notes.len() == 1 && roomless.notes[0].contains("no room to draw the loop"), "{:?}", roomless.notes);
     assert_ne!(roomless.hash, without.hash);

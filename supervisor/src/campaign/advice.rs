@@ -10,6 +10,9 @@ const MOST_NAMES: usize = 4;
 const MOST_LINES: usize = 8;
 /// What helps against whatever else runs on the machine.
 const ALONE: &str = "leave the machine alone (`hystation doctor`), and run the file again into another folder";
+/// What helps where no canary ran.
+const REAL_TIME: &str = "without canaries the host is not told from the station: grant real time (`hystation doctor`), and run the file \
+                         again into another folder";
 
 /// Of what nothing can be said, in words: `pool corrupt, the campaign as a whole`.
 pub fn unknown(judgement: &Judgement) -> String {
@@ -68,6 +71,9 @@ fn of_broken(judgement: &Judgement) -> String {
 
 /// What helps where nothing can be said.
 fn cure(figures: &Figures) -> String {
+    if !figures.unsure.is_empty() {
+        return REAL_TIME.into();
+    }
     let Some((excess, limit)) = figures.excess.zip(figures.limit_upper95) else {
         return match figures.not_shown.first() {
             Some(fault) => format!("`--only {fault}` does one of its faults again, and says why it does not come"),
@@ -177,6 +183,7 @@ mod tests {
             (mean(9, 0.2), "cost so many ticks that more"),
             (Figures { mean_beyond_misses_upper95: Some(0.05), ..undecided(Some(many)) }, "too few of its faults have a verdict"),
             (undecided(Some(many)), "too few of its faults have a verdict"),
+            (Figures { unsure: vec!["fault 3: no canary ran".into()], ..undecided(Some(many)) }, "grant real time"),
             (Figures { not_shown, ..undecided(None) }, "`--only 7`"),
         ] {
             let judgement = judgement(3, vec![], vec![figures]);

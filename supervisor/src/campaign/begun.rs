@@ -53,6 +53,7 @@ mod tests {
     use crate::campaign::draw::{self, Plan};
     use crate::campaign::file;
     use crate::campaign::store::Store;
+    use crate::campaign::store::tests::reopened;
     use std::path::PathBuf;
 
     fn plan() -> Plan {
@@ -122,7 +123,7 @@ mod tests {
         let recordings = [0, 1].map(|run| store.files(run).with_extension("mcap"));
         recordings.iter().for_each(|file| std::fs::write(file, "ticks").unwrap());
         drop(store); // killed
-        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let mut store = reopened(&folder, &plan).unwrap();
         assert_eq!((store.outcomes.len(), [0, 1, 2].map(|index| store.has(index))), (1, [true, false, false]));
         let told = store.told_of_cut().unwrap();
         assert!(told.starts_with("2 faults are not through") && told.contains("its campaign was killed"), "{told}");
@@ -132,7 +133,7 @@ mod tests {
         store.add(outcome(&plan, 1, Some(2))).unwrap();
         store.add_station(ended(2, &[1], Some(&own))).unwrap();
         drop(store);
-        let store = Store::open(Some(&folder), &plan).unwrap();
+        let store = reopened(&folder, &plan).unwrap();
         assert_eq!(numbers(&store.outcomes), [(0, Some(0)), (1, Some(2))]);
         assert!(store.told_of_cut().unwrap().starts_with("1 fault is not through"));
         assert!(store.check_build(&own).is_ok() && store.check_build(&another).is_err());
@@ -148,12 +149,12 @@ mod tests {
         let mut store = Store::open(Some(&folder), &plan).unwrap();
         store.begin(0, &own).unwrap();
         drop(store);
-        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let mut store = reopened(&folder, &plan).unwrap();
         assert!(store.check_build(&another).is_ok(), "nothing has come of it");
         let run = store.begin(0, &own).unwrap();
         store.add(outcome(&plan, 0, Some(run))).unwrap();
         drop(store);
-        let store = Store::open(Some(&folder), &plan).unwrap();
+        let store = reopened(&folder, &plan).unwrap();
         assert!(store.check_build(&own).is_ok());
         let refused = store.check_build(&another).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
@@ -177,7 +178,7 @@ mod tests {
             let text = std::fs::read_to_string(&path).unwrap();
             let first = text.split_inclusive('\n').next().unwrap();
             std::fs::write(&path, &text[..text.len() - 9]).unwrap();
-            let mut store = Store::open(Some(&folder), &plan).unwrap();
+            let mut store = reopened(&folder, &plan).unwrap();
             assert_eq!(std::fs::read_to_string(&path).unwrap(), first);
             let is_cut = name == "stations.jsonl";
             assert_eq!([0, 1].map(|index| store.has(index)), [true, !is_cut], "{name}");

@@ -6,10 +6,10 @@
 
 use super::bounds::least_faults;
 use super::cell::{self, Cell};
-use crate::bounded;
 use crate::faultfile::MOST_FAULTS;
 use crate::plan;
 use crate::settings::{Refusal, check_set};
+use hyst_scene::bounded;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

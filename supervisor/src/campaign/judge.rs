@@ -4,8 +4,8 @@
 //! never may (a station that did not go on, a process that did not recover, one that died or hung of another's fault, a force of a servo that lied, a lie that
 //! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a fault that cost more ticks than the hardware's own ramp bridges and than
 //! any control window lost, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over), unless its
-//! cell says that it may. It is *held* when the upper bound is within the limit, and that with the
-//! void ticks too where they are more than chance makes; a cell of a pool breaks it by itself where its own lower bound lies above the pool's limit with a doubt of
+//! cell says that it may, and unless a host that stalls does so as well and no canary would have seen it. It is *held* when the upper bound is within the
+//! limit, and that with the void ticks too where they are more than chance makes; a cell of a pool breaks it by itself where its own lower bound lies above the pool's limit with a doubt of
 //! one in a thousand. Between the two, when none of a cell's faults showed, when too many faults have no verdict because the host stalled, or most of a cell,
 //! when the controls lost more than the windows with a fault, when those in the same state tell otherwise, when those that differ lie together in one station, or
 //! when the mean of the ticks that they cost beyond what they may is not within the limit as well, nothing can be said, and the campaign says so.

@@ -273,3 +273,32 @@ fn a_batch_that_is_void_as_a_whole_says_nothing_whatever_came_before_it() {
     outcomes[0].fault.as_mut().unwrap().recovered_us = None;
     assert_eq!(code(&outcomes[..10], 5), 1, "what is broken stays so");
 }
+
+/// Where nobody sees the host stand still its stalls broke promises beyond doubt: the hand had lost ticks, and the force had stepped as without a device.
+#[test]
+fn what_the_host_does_as_well_is_unknown_of_a_station_without_canaries_and_what_it_does_not_do_is_broken() {
+    type Harm = fn(&mut [Outcome]);
+    let of_one = |blind: bool, harm: Harm| {
+        let (campaign, plan, mut outcomes) = setup(TEXT);
+        harm(&mut outcomes);
+        let station = StationOutcome { blind, ..all_of(&campaign, &outcomes) };
+        let judgement = judge(&campaign, &plan, &outcomes, &[station], None);
+        let figures = &judgement.cells[0];
+        let is_said = figures.reasons.iter().any(|reason| reason.starts_with("fault ") && reason.contains("no canary ran"));
+        (figures.verdict, judgement.exit_code, is_said)
+    };
+    let gap: Harm = |outcomes| window(outcomes, "kill haptic:active", 0).missed = 21;
+    let step: Harm = |outcomes| window(outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
+    for harm in [gap, step] {
+        assert_eq!(of_one(false, harm), (Verdict::Broken, 1, false));
+        assert_eq!(of_one(true, harm), (Verdict::Unknown, 3, true));
+    }
+    let kick: Harm = |outcomes| window(outcomes, "kill haptic:active", 0).force_step_max_n = 0.3;
+    let gone: Harm = |outcomes| of(outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().recovered_us = None;
+    let many: Harm = |outcomes| (0..30).for_each(|number| window(outcomes, "kill haptic:active", number).missed = 1);
+    for harm in [kick, gone, many] {
+        assert_eq!(of_one(true, harm), (Verdict::Broken, 1, false));
+    }
+    let nothing: Harm = |_| ();
+    assert_eq!(of_one(true, nothing), (Verdict::Held, 0, false), "that nothing of it is proof is said beside");
+}

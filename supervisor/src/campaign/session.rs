@@ -304,7 +304,8 @@ pub(super) fn command(
     let last_tick = entries.last().map_or(0, |entry| entry.tick);
     let mut command = Command::new(std::env::current_exe()?);
     // A group of its own: Ctrl-C is for the campaign, which then stops the station. One that is killed stops nobody: its station is asked to end by that.
-    command.process_group(0).args(["--name", station.name(), "run", "--headless", "--test-mode", "--quiet", "--with-parent"]);
+    command.process_group(0).args(["--name", station.name(), "run", "--headless", "--test-mode", "--quiet"]);
+    command.arg(format!("--with-parent={}", std::process::id()));
     command.arg("--for").arg(format!("{}s", (4 * last_tick / 1_000 + SPARE_TIME_S).min(86_000)));
     command.arg("--report").arg(files.with_extension("json"));
     if campaign.records() {

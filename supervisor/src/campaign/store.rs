@@ -232,9 +232,24 @@ fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refus
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::campaign::{draw, file};
+    use hyst_exchange::system;
+
+    /// What is said of a folder that somebody has.
+    const TAKEN: &str = "another campaign is at work";
+
+    /// A folder that was closed before. A child that another thread began at that moment has its lock, too, until it executes its program.
+    pub(crate) fn reopened(folder: &Path, plan: &Plan) -> Result<Store, Refusal> {
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        loop {
+            match Store::open(Some(folder), plan) {
+                Err(refused) if refused.message.contains(TAKEN) && system::now_ns() < deadline_ns => std::thread::yield_now(),
+                opened => return opened,
+            }
+        }
+    }
 
     /// A verdict named the logs of stations in a folder that was gone by then.
     #[test]
@@ -254,7 +269,7 @@ mod tests {
         drop((idle, other));
         assert_eq!(folders.each_ref().map(|folder| folder.is_dir()), [false, true]);
         std::fs::remove_dir_all(&folders[1]).unwrap();
-        let mut named = Store::open(Some(&folders[0]), &plan).unwrap();
+        let mut named = reopened(&folders[0], &plan).unwrap();
         assert_eq!(named.keep(), None, "nobody has to be told where it is");
         drop(named);
         std::fs::remove_dir_all(&folders[0]).unwrap();
@@ -267,7 +282,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("hystation-store-{}", std::process::id()));
         let other = draw::plan(&file::parse("t", text).unwrap(), 2);
         Store::open(Some(&folder), &other).unwrap(); // nothing comes of it
-        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let mut store = reopened(&folder, &plan).unwrap();
         let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
         let (own, another) = (build("f00"), build("bad"));
         assert!(store.check_build(&own).is_ok(), "nothing was run yet");
@@ -279,9 +294,9 @@ mod tests {
         let whole = std::fs::read_to_string(&results).unwrap();
         std::fs::write(&results, format!("{whole}{{\"index\":2,\"stat")).unwrap();
         let refused = Store::open(Some(&folder), &plan).unwrap_err();
-        assert!(refused.code == 2 && refused.message.contains("another campaign is at work"), "{}", refused.message);
+        assert!(refused.code == 2 && refused.message.contains(TAKEN), "{}", refused.message);
         drop(store);
-        let mut again = Store::open(Some(&folder), &plan).unwrap();
+        let mut again = reopened(&folder, &plan).unwrap();
         assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
         assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
         assert!(again.check_build(&own).is_ok());
@@ -290,9 +305,9 @@ mod tests {
         again.add_station(StationOutcome::default()).unwrap();
         assert_eq!(again.check_build(&own).unwrap_err().code, 2, "of whom nobody knows");
         drop(again);
-        assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
+        assert_eq!(reopened(&folder, &other).unwrap_err().code, 2);
         std::fs::write(&results, whole.repeat(2)).unwrap();
-        let mut both = Store::open(Some(&folder), &plan).unwrap();
+        let mut both = reopened(&folder, &plan).unwrap();
         assert_eq!(both.outcomes.len(), 2, "two campaigns wrote them");
         std::fs::remove_file(&results).unwrap();
         std::fs::create_dir(&results).unwrap(); // it takes no line
@@ -305,7 +320,7 @@ mod tests {
         std::fs::remove_dir(&results).unwrap();
         drop(both);
         std::fs::write(&results, "{}\n").unwrap();
-        assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
+        assert!(reopened(&folder, &plan).unwrap_err().message.contains("line 1"));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -324,17 +339,17 @@ mod tests {
         let whole = std::fs::read(&results).unwrap();
         let cut = whole.iter().position(|byte| *byte == 0xef).unwrap() + 1; // the first of the three bytes that it takes
         std::fs::write(&results, [&whole[..], &whole[..cut]].concat()).unwrap();
-        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 1);
+        assert_eq!(reopened(&folder, &plan).unwrap().outcomes.len(), 1);
         assert_eq!(std::fs::read(&results).unwrap(), whole);
         let mut flipped = whole.clone();
         flipped[cut] = 0xff;
         std::fs::write(&results, &flipped).unwrap();
-        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        let refused = reopened(&folder, &plan).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("results.jsonl, line 1"), "{}", refused.message);
         assert_eq!(std::fs::read(&results).unwrap(), flipped, "it is as it was");
         std::fs::remove_file(&results).unwrap();
         std::fs::create_dir(&results).unwrap(); // nobody reads that, root neither
-        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        let refused = reopened(&folder, &plan).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("results.jsonl: "), "{}", refused.message);
         std::fs::remove_dir_all(&folder).unwrap();
     }

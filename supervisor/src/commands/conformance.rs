@@ -186,7 +186,8 @@ fn in_a_station(role: Role, binary: &Path, place: Place, interrupted: &AtomicBoo
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let folder = std::env::temp_dir().join(&name);
     let mut command = Command::new(program);
-    command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--test-mode", "--hand", place.hand]);
+    let with_parent = format!("--with-parent={}", std::process::id());
+    command.args(["--name", &name, "run", "--headless", "--quiet", &with_parent, "--test-mode", "--hand", place.hand]);
     command.arg("--passing").arg(&folder); // the station's to remove: this command may be killed
     if let Some(scene) = place.scene {
         command.arg(scene);

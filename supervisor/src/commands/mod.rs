@@ -52,11 +52,8 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
     let station = Station::named(&cli.name).map_err(|e| Refusal::input(e.to_string()))?;
     match cli.command {
         Command::Run(mut args) => {
+            args.with_parent.map_or(Ok(()), end_with_parent)?;
             args.scene = crate::shipped::file(args.scene.take())?;
-            if args.with_parent {
-                let bound = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::INT));
-                bound.map_err(|e| Refusal::failed(format!("--with-parent: {e}")))?;
-            }
             with_folder(args.passing.as_deref(), || crate::guardian::run(&cli.name, &args))
         }
         Command::Status { json } => status::status(&station, json),
@@ -97,6 +94,19 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
             crate::clean::clean(&station).map(|()| 0).map_err(|e| Refusal::failed(e.to_string()))
         }
     }
+}
+
+/// Has the system ask this process to end once its parent has, and refuses if that is so already.
+fn end_with_parent(parent: u32) -> Result<(), Refusal> {
+    let bound = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::INT));
+    bound.map_err(|e| Refusal::failed(format!("--with-parent: {e}")))?;
+    // Only now: the system tells of a parent that ends later, and of one that had ended before it was asked it never does.
+    let present = std::os::unix::process::parent_id();
+    if present == parent {
+        return Ok(());
+    }
+    let found = format!("the parent of this process is {present}; that one has ended, or never was it");
+    Err(Refusal::input(format!("--with-parent={parent}: {found}, and nothing was started")))
 }
 
 /// Runs a station that has a folder as long as it runs: whoever asked for one may have gone by its end.

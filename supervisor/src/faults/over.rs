@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_keeper_is_hurt_when_it_was_last_well_and_found_later() {
-        let (_station, mut faults) = book("struck");
+        let (_station, mut faults) = book("keeper-struck");
         let now_ns = 500_000_000_000;
         faults.guardian_died(now_ns - 3_050_000_000, now_ns);
         faults.guardian_died(0, now_ns); // nobody has seen it well

@@ -4,8 +4,8 @@ use super::order::Order;
 use crate::plan::Plan;
 use crate::recording::{self, RecordingView};
 use crate::{remains, report};
-use hyst_exchange::{ReadPage, Station};
-use hyst_messages::page::header;
+use hyst_exchange::{OwnedPage, ReadPage, Station};
+use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Role, Slot};
 use std::path::PathBuf;
 
@@ -16,10 +16,15 @@ pub(super) fn count_leftovers(station: &Station) -> serde_json::Value {
     serde_json::json!({ "processes": remains::living(station).len(), "shared_memory": left.len() - files, "files": files })
 }
 
-/// The exit code: 1 if anything is left, or if a fault of the report broke a promise beyond doubt, 3 if something is lost.
-pub(super) fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan, is_data_lost: bool) -> u8 {
+/// Whether a station has to have a report: one that was asked to stop before any supervisor had begun has nothing to report of.
+pub(super) fn owes_report(page: &OwnedPage, plan: &Plan) -> bool {
+    !plan.slots.is_empty() && page.load64(layout::SUPERVISOR_STARTS) > 0
+}
+
+/// The exit code: 1 if anything is left, or the report that it owes is not there, or if a fault of that broke a promise beyond doubt, 3 if something is lost.
+pub(super) fn judge(report: &serde_json::Value, left: &serde_json::Value, owes_report: bool, is_data_lost: bool) -> u8 {
     let any_left = ["processes", "shared_memory", "files"].iter().any(|key| left[key].as_u64() != Some(0));
-    let unreported = !plan.slots.is_empty() && report.get("processes").is_none();
+    let unreported = owes_report && report.get("processes").is_none();
     match () {
         () if any_left || unreported || report::is_broken(report) => 1,
         () if is_data_lost || report::has_lost(report) => 3,
@@ -59,8 +64,28 @@ mod tests {
     use super::*;
     use hyst_engine::Settings;
 
+    fn nothing() -> serde_json::Value {
+        serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 })
+    }
+
     #[test]
     fn a_broken_promise_is_a_failure_whatever_was_lost_beside_it() {
+        let code = |broken: &[&str], given_up: &[&str]| {
+            let report = serde_json::json!({ "processes": {}, "promises_broken": broken, "given_up": given_up });
+            judge(&report, &nothing(), true, false)
+        };
+        assert_eq!([code(&[], &[]), code(&[], &["console"])], [0, 3]);
+        let one = ["fault kill of device at tick 9000: the hand lost 30 ticks, 0 at most without a fault"];
+        assert_eq!([code(&one, &[]), code(&one, &["console"])], [1, 1]);
+    }
+
+    /// A service that was stopped while it started had failed.
+    #[test]
+    fn one_that_is_stopped_before_any_supervisor_has_begun_owes_no_report_and_one_of_which_one_had_does() {
+        let station = Station::named(&format!("t{}-owes", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let page = station.open_for_keeping().unwrap();
         let plan = Plan {
             binaries: PathBuf::new(),
             slots: vec!["device".into()],
@@ -69,19 +94,16 @@ mod tests {
             end_tick: None,
             faults: Vec::new(),
         };
-        let nothing = serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 });
-        let code = |broken: &[&str], given_up: &[&str]| {
-            let report = serde_json::json!({ "processes": {}, "promises_broken": broken, "given_up": given_up });
-            judge(&report, &nothing, &plan, false)
-        };
-        assert_eq!([code(&[], &[]), code(&[], &["console"])], [0, 3]);
-        let one = ["fault kill of device at tick 9000: the hand lost 30 ticks, 0 at most without a fault"];
-        assert_eq!([code(&one, &[]), code(&one, &["console"])], [1, 1]);
+        let code = || judge(&serde_json::json!({}), &nothing(), owes_report(&page, &plan), false);
+        let before = code();
+        page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
+        assert_eq!([before, code()], [0, 1]);
+        station.wipe();
     }
 
     #[test]
     fn an_empty_file_goes_with_its_station_where_only_the_folder_was_named() {
-        let station = Station::named(&format!("t{}-ended", std::process::id())).unwrap();
+        let station = Station::named(&format!("t{}-unbegun", std::process::id())).unwrap();
         station.wipe();
         station.found().unwrap();
         let file = std::env::temp_dir().join(format!("hystation-ended-{}.mcap", std::process::id()));

@@ -91,8 +91,8 @@ pub struct Wanted<'a> {
     pub again: Option<&'a Again>,
 }
 
-/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings.
-pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Ground, Refusal> {
+/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings. Room is waited for until it is given up.
+pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order, given_up: &dyn Fn() -> bool) -> Result<Ground, Refusal> {
     if let Some(page) = living(station)? {
         same(station, wanted)?;
         register(&page, Role::Guardian);
@@ -123,7 +123,7 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
             "the recording is of another scene ({was}, this one is {is}); give the one that was recorded with --scene"
         )));
     }
-    let page = found(station, wanted, &admitted, build)?;
+    let page = found(station, wanted, &admitted, build, given_up)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })
 }
@@ -201,11 +201,17 @@ fn begun(wanted: &Wanted<'_>) -> Result<Settings, Refusal> {
     Ok(Settings { begun_unix_s, record, ..settings.clone() })
 }
 
-fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted, build: Option<Beside>) -> Result<OwnedPage, Refusal> {
+fn found(
+    station: &Station,
+    wanted: &Wanted<'_>,
+    scene: &Admitted,
+    build: Option<Beside>,
+    given_up: &dyn Fn() -> bool,
+) -> Result<OwnedPage, Refusal> {
     let settings = wanted.settings;
     let copied = Copied::of(settings, wanted.case);
     let needed = needed_bytes(scene.state_bytes) + copied.bytes();
-    room::await_room(needed, &Notifier::of_environment())?;
+    room::await_room(needed, &Notifier::of_environment(), given_up)?;
     let begun = begun(wanted)?;
     let made = make(station, wanted, &begun, scene, build);
     if made.is_err() {

@@ -43,21 +43,29 @@ pub fn size_for(bytes: u64) -> String {
     format!("{}g", bytes.div_ceil(1 << 30).max(1))
 }
 
-/// Waits for so many bytes if a service's manager is there, and else looks once.
+/// Waits for so many bytes if a service's manager is there, until it is given up, and else looks once.
 ///
 /// # Errors
 /// There is no room.
-pub fn await_room(needed: u64, manager: &Notifier) -> Result<(), Refusal> {
+pub fn await_room(needed: u64, manager: &Notifier, given_up: &dyn Fn() -> bool) -> Result<(), Refusal> {
     let deadline_ns = system::now_ns() + if manager.is_there() { SERVICE_WAITS_NS } else { 0 };
     loop {
-        match Space::now().and_then(|space| space.refuses(needed)) {
-            None => return Ok(()),
-            Some(refusal) if refusal.code == 2 || system::now_ns() >= deadline_ns => return Err(refusal),
-            Some(_) => {
-                manager.say("STATUS=waits for room in /dev/shm\n");
-                system::sleep_ns(LOOK_NS);
-            }
+        let refusal = Space::now().and_then(|space| space.refuses(needed));
+        if let Some(end) = comes_to(refusal, system::now_ns() >= deadline_ns, given_up()) {
+            return end;
         }
+        manager.say("STATUS=waits for room in /dev/shm\n");
+        system::sleep_ns(LOOK_NS);
+    }
+}
+
+/// What a look comes to; nothing while it is worth another one.
+fn comes_to(refusal: Option<Refusal>, is_late: bool, is_given_up: bool) -> Option<Result<(), Refusal>> {
+    match refusal {
+        None => Some(Ok(())),
+        Some(_) if is_given_up => Some(Err(Refusal::stopped())),
+        Some(refusal) if refusal.code == 2 || is_late => Some(Err(refusal)),
+        Some(_) => None,
     }
 }
 
@@ -77,6 +85,18 @@ mod tests {
         assert_eq!([code(608, 608), code(608, 1_024), code(1_024, 1_024)], [None; 3]);
         assert_eq!([code(64, 64), code(607, 607), code(0, 100)], [Some(2); 3]);
         assert_eq!([code(607, 608), code(0, 1_024)], [Some(1); 2]);
+    }
+
+    /// It waited on, and had failed, when it was long asked to stop.
+    #[test]
+    fn who_is_asked_to_stop_while_it_waits_for_room_ends_and_has_not_failed() {
+        let code = |refusal: Option<Refusal>, is_late: bool, is_given_up: bool| {
+            comes_to(refusal, is_late, is_given_up).map(|end| end.map_or_else(|refusal| refusal.code, |()| 7))
+        };
+        let full = |is_late: bool, is_given_up: bool| code(Some(Refusal::failed("full")), is_late, is_given_up);
+        assert_eq!([full(false, false), full(true, false), full(false, true)], [None, Some(1), Some(0)]);
+        assert_eq!(code(Some(Refusal::input("too small")), false, false), Some(2));
+        assert_eq!([code(None, true, false), code(None, false, true)], [Some(7); 2], "there is room, and it begins");
     }
 
     /// To whom 5 GiB were lacking a cure of 1 GiB was named.

@@ -8,7 +8,7 @@
 
 use super::arms::Arms;
 use crate::fault::compare::{excess, most_missed, tells};
-use crate::fault::{Fault, bounds};
+use crate::fault::{Fault, bounds, most_step_n};
 use crate::ledger::Window;
 use hyst_messages::Role;
 use serde_json::Value;
@@ -68,9 +68,10 @@ fn why(fault: &Fault, faults: &[Fault], quiet: &Quiet, is_lost: bool) -> Option<
 fn jerk(fault: &Fault, faults: &[Fault], quiet: &Quiet) -> Option<String> {
     let made_n = fault.window.filter(|_| !fault.step.is_empty())?.force_step_max_n;
     // Of one that leaves nobody the own may be larger.
-    let may_fade = Fault::may_let_the_force_fade;
-    let may_be_anothers = || !may_fade(fault) && faults.iter().any(|other| may_fade(other) && meet(fault, other));
-    let is_broken = made_n > fault.most_step_n(quiet.step_n) && !may_be_anothers();
+    let may_fade = |it: &Fault| it.may_let_the_force_fade() || took_the_last_servo(it, faults);
+    let is_own = may_fade(fault);
+    let may_be_anothers = || !is_own && faults.iter().any(|other| meet(fault, other) && may_fade(other));
+    let is_broken = made_n > most_step_n(quiet.step_n, is_own) && !may_be_anothers();
     is_broken.then(|| format!("a force step of {made_n:.3} N, {:.3} N without a fault", quiet.step_n))
 }
 
@@ -91,6 +92,12 @@ fn gap(fault: &Fault, faults: &[Fault], quiet: &Quiet) -> Option<String> {
 fn meet(one: &Fault, other: &Fault) -> bool {
     let ((from, to), (other_from, other_to)) = (bounds(one), bounds(other));
     from < other_to && other_from < to
+}
+
+/// Whether it is one of two faults of the two servos whose windows meet: who kills them one after the other by hand makes a fault of each, and nobody is left.
+fn took_the_last_servo(fault: &Fault, faults: &[Fault]) -> bool {
+    let is_of_the_other = |other: &Fault| other.is_of_servo() && other.target != fault.target && meet(fault, other);
+    fault.is_of_servo() && faults.iter().any(is_of_the_other)
 }
 
 /// Whether it may have been another fault, that of a device or of both servos, or one that may cost more, for which the hand had nobody. A campaign tells both
@@ -121,6 +128,15 @@ mod tests {
         let (kind, target, recovered_us) = ("kill".into(), target.into(), Some(100_000.0));
         let (window, control) = (window(9_000, missed), window(8_000, 0));
         Fault { kind, target, tick: 9_000, recovered_us, window, control, ..Fault::default() }
+    }
+
+    /// One whose window has a step of the force, and its control another; `is_new`: one that the ticks before it had not made.
+    fn stepping(target: &str, [step_n, control_n]: [f64; 2], is_new: bool) -> Fault {
+        let of = |window: Window, force_step_max_n: f64| Some(Window { force_step_max_n, ..window });
+        let made = fault(target, 0);
+        let (window, control) = (made.window.and_then(|it| of(it, step_n)), made.control.and_then(|it| of(it, control_n)));
+        let step = if is_new { vec![Tick::default()] } else { Vec::new() };
+        Fault { window, control, step, ..made }
     }
 
     fn with_window(fault: Fault, change: impl Fn(Window) -> Window) -> Fault {
@@ -202,13 +218,6 @@ mod tests {
 
     #[test]
     fn only_a_step_that_no_tick_without_a_fault_made_breaks_the_promise() {
-        let stepping = |target: &str, [step_n, control_n]: [f64; 2], is_new: bool| {
-            let of = |window: Window, force_step_max_n: f64| Some(Window { force_step_max_n, ..window });
-            let made = fault(target, 0);
-            let (window, control) = (made.window.and_then(|it| of(it, step_n)), made.control.and_then(|it| of(it, control_n)));
-            let step = if is_new { vec![Tick::default()] } else { Vec::new() };
-            Fault { window, control, step, ..made }
-        };
         let of = |target: &str, steps_n, is_new| broken_of(&[stepping(target, steps_n, is_new)]);
         assert_eq!(of("tissue:0", [0.4, 0.1], true), 1);
         assert_eq!(of("tissue:0", [0.14, 0.1], true), 0, "within what is allowed");
@@ -221,8 +230,22 @@ mod tests {
         assert_eq!(broken_of(&of_both), 2, "of both servos as of the device");
         // Beside a servo that is doomed the other dies as well, by nobody's hand.
         let doomed = |ticks: u64| Fault { may_cost_ticks: Some(ticks), ..stepping("haptic:0", [0.2, 0.1], false) };
-        let of_others = |ticks: u64| broken_of(&[doomed(ticks), stepping("haptic:1", [0.2, 0.1], true)]);
+        let of_others = |ticks: u64| broken_of(&[doomed(ticks), stepping("tissue:0", [0.2, 0.1], true)]);
         assert_eq!([of_others(0), of_others(1_500)], [1, 0], "the force fades by design where nobody is left");
+    }
+
+    /// Whoever killed one by hand and then the other was told of a step of the force that its fading makes by design.
+    #[test]
+    fn two_servos_that_were_killed_one_after_the_other_may_let_the_force_step_as_both_at_once() {
+        let at = |tick: u64, target: &str, step_n: f64| Fault { tick, ..stepping(target, [step_n, 0.1], true) };
+        let of = |tick: u64, target: &str, step_n: f64| broken_of(&[at(9_000, "haptic:0", step_n), at(tick, target, step_n)]);
+        assert_eq!(broken_of(&[at(9_000, "haptic:0", 0.24)]), 1, "alone");
+        assert_eq!([of(9_050, "haptic:1", 0.24), of(9_050, "haptic:1", 0.26)], [0, 2], "as of the device");
+        assert_eq!(of(9_300, "haptic:1", 0.24), 2, "the other one was back");
+        assert_eq!(of(9_050, "haptic:0", 0.24), 2, "the other one was there all the time");
+        let both = [at(9_000, "haptic:0", 0.24), at(9_050, "haptic:1", 0.24)];
+        let beside = |servos: &[Fault]| broken_of(&[servos, &[at(9_000, "tissue:0", 0.24)]].concat());
+        assert_eq!([beside(&both), beside(&both[..1])], [0, 2], "what is felt of both is no third one's");
     }
 
     /// By hand in `arms`: of five that all lost more at least 0.094 do.

@@ -6,6 +6,9 @@ use hyst_exchange::{Station, system};
 use hyst_messages::Role;
 
 const MIB: u64 = 1 << 20;
+/// Less than this is as good as nothing, bytes: the largest file that a process reserves as a whole does not fit any more, a tissue's checkpoints (six of 1.02 MB
+/// in the default scene).
+const LEAST_FREE: u64 = 8 * MIB;
 
 /// There is too little.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -36,6 +39,11 @@ fn judge(role: Role, state_bytes: u64, free: u64) -> Result<(), NoRoom> {
 /// enough. Several that start at once are each looked at alone: who then has none after all ends, and is started again.
 pub(super) fn look(station: &Station, role: Role, state_bytes: u64) -> Result<(), NoRoom> {
     system::free_bytes(station.root()).map_or(Ok(()), |free| judge(role, state_bytes, free))
+}
+
+/// Whether so little is left for everybody that who lives may die of it. A system that does not say how much there is has enough.
+pub fn is_full(station: &Station) -> bool {
+    system::free_bytes(station.root()).is_ok_and(|free| free < LEAST_FREE)
 }
 
 #[cfg(test)]

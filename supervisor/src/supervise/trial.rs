@@ -6,6 +6,7 @@ mod effort;
 mod forces;
 mod judge;
 mod newcomer;
+mod room;
 mod verdict;
 
 use super::Supervisor;
@@ -20,6 +21,7 @@ use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{Stage, Swap, device, rendering, station as layout};
 use hyst_messages::{Role, Slot};
 use judge::Judging;
+use room::Room;
 use std::path::{Path, PathBuf};
 
 /// How long a newcomer is compared at least before it may have the role, ns.
@@ -56,6 +58,7 @@ pub struct Trial {
     /// What is out of tolerance is that nothing came of it, and whether a thread of it waited for a disk, or for memory, then.
     silent: bool,
     at_disk: bool,
+    room: Room,
     /// When there was nothing that could be compared last, for no fault of its own, ns; 0 if there was all the time.
     waits_ns: u64,
     /// Looks at which the hand felt something on this probation.
@@ -91,6 +94,7 @@ impl Trial {
             forces: Forces::default(),
             silent: false,
             at_disk: false,
+            room: Room::default(),
             waits_ns: 0,
             felt: 0,
             current_ns: 0,
@@ -317,6 +321,7 @@ impl Supervisor {
     /// Looks how the newcomer does.
     pub(super) fn tend_swap(&mut self, now_ns: u64) {
         self.note_followed(now_ns);
+        self.note_room(now_ns);
         let Some(trial) = &self.trial else { return };
         let (role, stage, incarnation) = (trial.role, trial.stage, trial.record.incarnation);
         if incarnation == 0 || trial.record.proven {

@@ -27,6 +27,7 @@ impl Place {
     pub fn new(name: &str) -> Place {
         let name = format!("k{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(&name);
+        let _ = std::fs::remove_dir_all(&folder); // of a test that was killed, and had this process' number
         std::fs::create_dir_all(&folder).unwrap();
         let fake = Path::new(HYSTATION).parent().unwrap().join("examples/fake_engine");
         for role in ["hardware", "device", "haptic", "tissue", "fluid", "rendering", "recorder", "console", "collision-worker"] {
@@ -95,6 +96,15 @@ pub fn gone(place: &Place, what: &str) {
     let since = Instant::now();
     while !hystation::proc::of_station(&station).is_empty() {
         assert!(since.elapsed() < PATIENCE, "{what}: {:?}", hystation::proc::of_station(&station));
+        std::thread::yield_now();
+    }
+}
+
+/// Waits until something is as it has to be.
+pub fn await_that(what: &str, mut holds: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !holds() {
+        assert!(since.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
         std::thread::yield_now();
     }
 }

@@ -27,8 +27,9 @@ impl Holdings {
         let mut holdings = Holdings::default();
         let root = station.place();
         holdings.add_folder(root.root(), false);
+        let own = root.prefix();
         for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            if entry.path() != root.root() && entry.file_name().to_string_lossy().contains(station.name()) {
+            if entry.file_name().to_string_lossy().starts_with(&own) {
                 holdings.add(&entry, false, station.name());
             }
         }

@@ -64,12 +64,12 @@ fn each_alarm_of_the_pump_and_each_flaw_has_the_bit_of_its_name() {
     assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
 }
 
-/// An engine of a station of its own.
+/// An engine of a station of its own. It computes alone: then a step is measured by its own time, and is no longer where other tests have the cores.
 fn in_a_station(name: &str, body: impl FnOnce(FlowEngine<'_>)) {
     let station = Station::named(&format!("t{}-fluid-{name}", std::process::id())).unwrap();
     station.wipe();
     station.found().unwrap();
-    std::fs::write(station.settings(), "").unwrap();
+    std::fs::write(station.settings(), "[set]\nfluid_threads = \"1\"\n").unwrap();
     let slot = Slot::first(Role::Fluid);
     drop(station.create_slot(slot, 1).unwrap());
     let life = Life::begin(station.name(), slot, 1).unwrap();
@@ -276,7 +276,7 @@ fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
 
 #[test]
 fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counted_and_named() {
-    in_a_station("refused", |mut engine| {
+    in_a_station("sample", |mut engine| {
         let (life, (page, sample)) = (engine.life, plugged(&mut engine));
         let good = engine.inputs(0.03);
         assert!(good.pump.inflow_valve == 1.0 && good.tools[0].radius_m > 0.0, "{good:?}");

@@ -88,6 +88,7 @@ mod tests {
 
     fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("hystation-album-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder); // of a process that had this number and left it
         std::fs::create_dir_all(&folder).unwrap();
         folder
     }

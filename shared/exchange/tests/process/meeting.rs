@@ -50,6 +50,14 @@ fn release_unpaid(coordinator: &mut ProcessCoordinator, groups: &[u32]) -> Outco
     outcome
 }
 
+/// Releases with a short deadline, which the first group misses; again where it was over before anybody was asked, because this process was not let run.
+fn release_missed(coordinator: &mut ProcessCoordinator, groups: &[u32]) -> Outcome {
+    until(|| {
+        let outcome = coordinator.release(groups, system::now_ns() + SHORT_NS);
+        (coordinator.present() & groups[0] == 0).then_some(outcome)
+    })
+}
+
 #[test]
 fn a_member_killed_at_any_point_costs_one_deadline_and_its_replacement_joins_the_next_release() {
     isolated(a_member_killed_at_any_point_costs_one_deadline_and_its_replacement_joins_the_next_release, |station| {
@@ -116,7 +124,7 @@ fn a_member_that_stood_is_back_once_it_has_joined_late() {
         let mut coordinator = coordinator(station, 1);
         let slow = member(station, 10, "stop@before-join");
         seat(station, &mut coordinator, 0, 10);
-        assert_eq!(coordinator.release(&[1], system::now_ns() + SHORT_NS), Outcome { joined: 0, missing: 1 });
+        assert_eq!(release_missed(&mut coordinator, &[1]), Outcome { joined: 0, missing: 1 });
         slow.await_stop();
         assert_eq!(release_unpaid(&mut coordinator, &[1]), Outcome { joined: 0, missing: 1 });
         slow.go_on();
@@ -178,7 +186,7 @@ fn the_late_join_of_a_zombie_counts_for_nothing() {
         let mut coordinator = coordinator(station, 1);
         let zombie = member(station, 10, "stop@before-join");
         seat(station, &mut coordinator, 0, 10);
-        assert_eq!(coordinator.release(&[1], system::now_ns() + SHORT_NS).missing, 1);
+        assert_eq!(release_missed(&mut coordinator, &[1]).missing, 1);
         zombie.await_stop();
         let replacement = member(station, 11, "stop@before-join");
         seat(station, &mut coordinator, 0, 11);
@@ -209,7 +217,7 @@ fn a_member_that_slept_through_its_release_does_no_work_for_it_and_is_back() {
         let mut sleeper = member(station, 10, "kill@before-join"); // any work that it does is its last
         seat(station, &mut coordinator, 0, 10);
         sleeper.stop();
-        assert_eq!(coordinator.release(&[0b01], system::now_ns() + SHORT_NS).missing, 0b01);
+        assert_eq!(release_missed(&mut coordinator, &[0b01]).missing, 0b01);
         assert_eq!(release_unpaid(&mut coordinator, &[0b10]).joined, 0b10);
         sleeper.go_on();
         until(|| (joined(station, 10) != 0).then_some(()));
@@ -225,7 +233,7 @@ fn a_replacement_does_not_take_the_release_of_its_predecessor() {
         let mut coordinator = coordinator(station, 1);
         let predecessor = own_member(station, 10, 1);
         seat(station, &mut coordinator, 0, 10);
-        assert_eq!(coordinator.release(&[1], system::now_ns() + SHORT_NS).missing, 1);
+        assert_eq!(release_missed(&mut coordinator, &[1]).missing, 1);
         drop(predecessor);
         let mut replacement = own_member(station, 11, 1);
         seat(station, &mut coordinator, 0, 11);
@@ -248,7 +256,7 @@ fn groups_run_in_sequence_and_one_whose_time_is_up_is_not_excluded() {
             drop(own_member(station, incarnation, 1)); // its page stays
             seat(station, &mut coordinator, index, incarnation);
         }
-        assert_eq!(coordinator.release(&[0b01, 0b10], system::now_ns() + SHORT_NS), Outcome { joined: 0, missing: 0b11 });
+        assert_eq!(release_missed(&mut coordinator, &[0b01, 0b10]), Outcome { joined: 0, missing: 0b11 });
         assert_eq!(coordinator.present(), 0b10, "the second group could do nothing about the first");
         seat(station, &mut coordinator, 0, 10);
         let open = |incarnation| {

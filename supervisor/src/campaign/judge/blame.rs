@@ -7,7 +7,7 @@ use crate::campaign::station::StationOutcome;
 use crate::fault::{EXTERNAL, Fault};
 use crate::faultfile::Keepers;
 use hyst_recording::sequence::RING_TICKS;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
 const STATE_TICKS: u64 = 100;
@@ -29,6 +29,8 @@ pub(super) struct Blame<'a> {
     last_step_n: BTreeMap<usize, f64>,
     /// What was left of the runs, by their last faults.
     left: BTreeMap<usize, u64>,
+    /// The faults of stations without canaries.
+    blind: BTreeSet<usize>,
     /// What was broken in stations of judged arms, in words.
     pub broken: Vec<String>,
 }
@@ -44,6 +46,7 @@ impl<'a> Blame<'a> {
             let mut here: Vec<&'a Outcome> = suffered.filter(is_of_run).collect();
             here.sort_by_key(|outcome| station.faults.iter().position(|index| *index == outcome.index));
             blame.next.extend(here.windows(2).map(|pair| (pair[0].index, pair[1])));
+            blame.blind.extend(here.iter().filter(|_| station.blind).map(|outcome| outcome.index));
             for (at, line) in blame.assign(campaign, station, &here) {
                 if is_judged {
                     blame.broken.push(format!(
@@ -135,6 +138,11 @@ impl<'a> Blame<'a> {
     /// Processes, segments and files that were left of the run, if this fault was its last.
     pub(super) fn leftovers(&self, index: usize) -> u64 {
         self.left.get(&index).copied().unwrap_or(0)
+    }
+
+    /// Whether its station had no canaries, so that nobody saw the host stall.
+    pub(super) fn is_blind(&self, index: usize) -> bool {
+        self.blind.contains(&index)
     }
 
     /// How the run ended if this fault was its last.

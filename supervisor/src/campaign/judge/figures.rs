@@ -133,6 +133,9 @@ pub struct Figures {
     pub verdict: Verdict,
     /// What speaks against it.
     pub reasons: Vec<String>,
+    /// What would speak against it if it were known that it was not the host: that no canary saw it stall proves nothing where none ran.
+    #[serde(skip)]
+    pub unsure: Vec<String>,
 }
 
 /// What the figures are made from.

@@ -5,8 +5,8 @@ use super::figures::{Figures, Known, touches};
 use super::notice::{Unfound, unfound};
 use crate::campaign::cell::{Cell, May, State};
 use crate::campaign::outcome::Outcome;
-use crate::fault::Fault;
 use crate::fault::compare::{excess, tells};
+use crate::fault::{Fault, most_step_n};
 use crate::ledger::Window;
 use hyst_messages::record::SHADOW_TICKS;
 use hyst_messages::{Role, TICK_NS};
@@ -129,7 +129,7 @@ impl Figures {
         self.take_swap(cell, fault, outcome);
         self.take_wrong(outcome);
         if !has_ended {
-            self.take_gap(fault, outcome, cell, known.most_missed);
+            self.take_gap(fault, outcome, cell, known);
         }
         let has_no_first = outcome.with.as_ref().is_some_and(|with| !with.manifested);
         if has_no_first {
@@ -140,7 +140,7 @@ impl Figures {
             self.beside.push(index);
         }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
-        self.take_windows(fault, outcome, window, control, known.steps_n);
+        self.take_windows(fault, outcome, window, control, known);
         // With the void ticks both are of the same length.
         let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
         let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, cell.allowed_misses as i64)));
@@ -156,10 +156,18 @@ impl Figures {
 
     /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than the control windows lost,
     /// in its window and right after it, is a broken promise by itself.
-    fn take_gap(&mut self, fault: &Fault, outcome: &Outcome, cell: &Cell, most_missed: u64) {
-        if let Some(lost) = fault.gap(cell.allowed_misses, most_missed) {
-            self.reasons
-                .push(format!("fault {}: the hand lost {lost} ticks, {most_missed} at most without a fault", outcome.index));
+    fn take_gap(&mut self, fault: &Fault, outcome: &Outcome, cell: &Cell, known: &Known) {
+        if let Some(lost) = fault.gap(cell.allowed_misses, known.most_missed) {
+            let text = format!("the hand lost {lost} ticks, {} at most without a fault", known.most_missed);
+            self.take_harm(outcome.index, &text, known.blame.is_blind(outcome.index));
+        }
+    }
+
+    /// Adds what a fault did to the hand, which speaks against its cell, unless it `may_be_the_hosts` doing.
+    fn take_harm(&mut self, index: usize, text: &str, may_be_the_hosts: bool) {
+        match may_be_the_hosts {
+            true => self.unsure.push(format!("fault {index}: {text}; no canary ran, so that it may be the host's doing")),
+            false => self.reasons.push(format!("fault {index}: {text}")),
         }
     }
 
@@ -190,7 +198,7 @@ impl Figures {
     }
 
     /// Adds what its window and its control hold.
-    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, steps_n: [f64; 2]) {
+    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, known: &Known) {
         for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
             sums[0] += window.ticks;
             sums[1] += window.voided;
@@ -207,12 +215,13 @@ impl Figures {
         let after = fault.aftermath.unwrap_or_default();
         self.aftermath = [self.aftermath[0] + after.ticks, self.aftermath[1] + after.missed];
         // Whatever the supervisor said of it: that knows the last ten seconds, and this all that was ever made in this state.
-        let made_n = window.steps_n(touches(Some(&window), outcome)).into_iter().zip(steps_n).zip(["in the open", "in contact"]);
-        for ((made_n, quiet_n), state) in made_n {
+        let made_n = window.steps_n(touches(Some(&window), outcome)).into_iter().zip(known.steps_n);
+        for ((made_n, quiet_n), state) in made_n.zip(["in the open", "in contact"]) {
             if let Some(made_n) = made_n.filter(|made_n| *made_n > fault.most_step_n(quiet_n)) {
-                let index = outcome.index;
-                self.reasons
-                    .push(format!("fault {index}: a force step of {made_n:.3} N, {quiet_n:.3} N without a fault {state}"));
+                // A host that stands still leaves nobody who makes a force, as the device's death does.
+                let may_be_the_hosts = known.blame.is_blind(outcome.index) && made_n <= most_step_n(quiet_n, true);
+                let text = format!("a force step of {made_n:.3} N, {quiet_n:.3} N without a fault {state}");
+                self.take_harm(outcome.index, &text, may_be_the_hosts);
             }
         }
     }

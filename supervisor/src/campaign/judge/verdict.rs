@@ -79,6 +79,11 @@ fn said(of: &str, excess: &Excess) -> String {
 pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
     figures.limit_upper95 = limit;
     let is_wrong = is_cell && !figures.reasons.is_empty();
+    if !is_cell {
+        figures.unsure.clear();
+    }
+    let is_unsure = !figures.unsure.is_empty();
+    figures.reasons.extend(figures.unsure.iter().cloned());
     let done = figures.done();
     // What is only done from outside need not be noticed; that it was not is said, where what it cost is known of more faults than nothing is known of.
     let known = figures.excess_unnoticed.map_or(0, |excess| excess.faults);
@@ -94,11 +99,12 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
             Verdict::Broken
         }
         _ if is_silent || is_half_judged => Verdict::Unknown,
+        (None, _) if is_unsure => Verdict::Unknown,
         (None, _) => Verdict::Figures,
         (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
         (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
         (Some(limit), _) if figures.excess_unnoticed.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
-        _ if is_void => Verdict::Unknown,
+        _ if is_void || is_unsure => Verdict::Unknown,
         (Some(limit), Some(excess)) if excess.upper95 <= limit && unlike(&figures, limit).is_none() => Verdict::Held,
         _ => Verdict::Unknown,
     };

@@ -138,7 +138,7 @@ impl Trial {
 
     /// A reason for its end, once the machine and the hand were heard.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
-        match self.excuse(reason.cause) {
+        match self.want_of_room(reason.cause).or_else(|| self.excuse(reason.cause)) {
             Some(why) => Reason::new(Cause::NoTime, format!("{}; {why}", reason.text)),
             None => reason,
         }
