@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 pub use again::Again;
-pub use fault::{CampaignArgs, FaultCommand, InjectArgs};
+pub use fault::{CampaignArgs, CompareArgs, FaultCommand, InjectArgs};
 pub use windows::WindowArgs;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
@@ -166,6 +166,7 @@ impl Command {
             | Command::Fault { command: FaultCommand::List { json } } => *json,
             Command::Fault { command: FaultCommand::Inject(args) } => args.json,
             Command::Fault { command: FaultCommand::Campaign(args) } => args.json,
+            Command::Fault { command: FaultCommand::Compare(args) } => args.json,
             _ => false,
         }
     }
@@ -324,7 +325,7 @@ mod tests {
 
     #[test]
     fn what_the_exit_codes_of_a_verdict_mean_stands_in_the_help() {
-        for line in ["", "run", "swap", "conformance", "fault inject", "fault campaign"] {
+        for line in ["", "run", "swap", "conformance", "fault inject", "fault campaign", "fault compare"] {
             let words = format!("hystation {line} --help");
             let help = Cli::try_parse_from(words.split_whitespace()).unwrap_err().to_string();
             let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped
@@ -347,6 +348,7 @@ mod tests {
             "hystation fault inject leak-memory fluid:both --rate 16 --for 500ms",
             "hystation fault inject crash-loop recorder --times 2",
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
+            "hystation fault compare before after --file old.toml --file new.toml --json",
             "hystation bench station --json",
             "hystation report a.mcap --html",
             "hystation report a.mcap --html a.html --json - --csv a.csv --compare b.mcap --compare c.mcap",

@@ -1,8 +1,9 @@
 //! The faults of a run: injected ones and those that came from outside, from their injection to their verdict. A closed fault is a line
-//! in a file in the station's root, so that it outlives the supervisor.
+//! in a file in the station's root, so that it outlives the supervisor; so is a swap that was asked for.
 //!
 //! A fault is closed when the hardware's ledger covers its window and a control for it was found.
 
+mod asked;
 mod control;
 mod inject;
 mod over;
@@ -74,6 +75,8 @@ pub struct Faults {
     open: Open,
     /// Closed faults.
     pub closed: Vec<Fault>,
+    /// Swaps that were asked for.
+    asked: asked::Swaps,
     /// The hardware's ledger.
     pub ledger: Ledger,
     active: ActiveLog,
@@ -115,6 +118,7 @@ impl Faults {
             ledger: Ledger::resume(open.counted),
             open,
             closed: text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect(),
+            asked: asked::Swaps::read(station),
             active: ActiveLog::default(),
             suspects: BTreeMap::new(),
         })
@@ -355,7 +359,7 @@ impl Faults {
             if fault.is_not_back() {
                 fault.promise_held = Some(false); // whatever the ledger still knows
             }
-            if self.append(&fault).is_err() && !is_end {
+            if self.append("faults.jsonl", &fault).is_err() && !is_end {
                 still_open.push(Fault { seen, ..fault });
                 continue;
             }
@@ -368,10 +372,10 @@ impl Faults {
         }
     }
 
-    /// Writes the line of a closed fault, or none of it.
-    fn append(&self, fault: &Fault) -> std::io::Result<()> {
-        let line = serde_json::to_string(fault)?;
-        let mut file = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl"))?;
+    /// Writes a line of a file, of a closed fault or a swap, or none of it.
+    fn append(&self, name: &str, of: &impl Serialize) -> std::io::Result<()> {
+        let line = serde_json::to_string(of)?;
+        let mut file = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, name))?;
         let length = file.metadata()?.len();
         let written = file.write_all(format!("{line}\n").as_bytes());
         written.inspect_err(|_| drop(file.set_len(length)))

@@ -5,6 +5,7 @@
 
 mod arms;
 mod promises;
+mod swaps;
 
 use crate::accounts::{Account, Accounts, Counters};
 use crate::fault::Fault;
@@ -81,12 +82,15 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         }
     }
     let status = Statuses::read(viewer);
+    let ((not_injected, first), (swaps, left_out)) = (faults.not_injected(), faults.swaps_asked());
     json!({
         "processes": processes,
         "device": device(faults, withheld_ticks(viewer)),
         "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
-        "faults_not_injected": not_injected(faults),
+        "faults_not_injected": { "count": not_injected, "first": first },
         "by_target": by_target(faults),
+        "swaps": swaps,
+        "swaps_left_out": left_out,
         "invalid_applied": faults.ledger.invalid_applied,
         "stale_applied": faults.ledger.stale_applied,
         "ledger_lost": faults.ledger.lost,
@@ -113,11 +117,6 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "held": policy.held().map(Role::name).collect::<Vec<_>>(),
         "leftovers": { "processes": 0, "shared_memory": 0, "files": 0 },
     })
-}
-
-fn not_injected(faults: &Faults) -> Value {
-    let (count, first) = faults.not_injected();
-    json!({ "count": count, "first": first })
 }
 
 fn active_slot(viewer: &mut Viewer, faults: &Faults, role: Role) -> Option<Slot> {
@@ -228,8 +227,9 @@ pub fn summary(report: &Value) -> String {
         0 => String::new(),
         left => format!("; {left} of those asked for did not come about, see the report"),
     };
+    let swaps = swaps::in_words(report);
     format!(
-        "{} ticks: {} fresh, {} held, {} ramped, {} void; {count} fault{s}{misses}{left}",
+        "{} ticks: {} fresh, {} held, {} ramped, {} void; {count} fault{s}{misses}{left}{swaps}",
         device["ticks"], device["fresh"], device["held"], device["ramped"], device["voided"]
     )
 }

@@ -234,7 +234,7 @@ fn who_is_started_by_keepers_of_lowered_limits_has_those_that_the_station_began_
 #[test]
 fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same() {
     let nobody = format!("t{}-json", std::process::id());
-    let cases: [&[&str]; 8] = [
+    let cases: [&[&str]; 9] = [
         &["swap", "liver", "./x"],
         &["swap", "fluid", "./x"],
         &["conformance", "fluid", "/absent"],
@@ -242,6 +242,7 @@ fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same(
         &["fault", "inject", "melt", "tissue"],
         &["fault", "inject", "kill", "tissue"],
         &["fault", "campaign", "/absent.toml"],
+        &["fault", "compare", "/absent", "/absent"],
         &["status"],
     ];
     for words in cases {

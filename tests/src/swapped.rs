@@ -59,3 +59,22 @@ pub fn assert_deficit_goes_on(ended: &Ended) {
         not_shown("that a swap of the fluid loses nothing of the deficit: no states on both sides of one were recorded");
     }
 }
+
+/// The report tells of every swap that was begun, in the order in which they were asked for: when that was, and how each was over.
+pub fn assert_swaps_are_told(ended: &Ended) {
+    let swaps = ended.report["swaps"].as_array().unwrap_or_else(|| panic!("{:#}", ended.report));
+    let numbers: Vec<u64> = swaps.iter().filter_map(|swap| swap["number"].as_u64()).collect();
+    assert!(!numbers.is_empty() && numbers == (1..=numbers.len() as u64).collect::<Vec<u64>>(), "{swaps:#?}");
+    let ticks: Vec<Option<u64>> = swaps.iter().map(|swap| swap["tick"].as_u64()).collect();
+    assert!(ticks.iter().all(Option::is_some) && ticks.is_sorted(), "{swaps:#?}");
+    for swap in swaps {
+        let last = swap["steps"].as_array().and_then(|steps| steps.last()).map_or(&Value::Null, |step| &step["what"]);
+        let is_told = match swap["became"].as_str() {
+            Some("done") => last.as_str().is_some_and(|what| what.starts_with("done: ")) && swap["cause"].is_null(),
+            Some("rolled_back") => last.is_string() && swap["cause"].is_string() && swap["reason"] != "",
+            Some("refused") => last.is_null() && swap["number"].is_null() && swap["reason"] != "",
+            _ => false,
+        };
+        assert!(is_told, "{swap:#}");
+    }
+}

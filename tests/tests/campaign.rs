@@ -116,6 +116,15 @@ fn a_campaign_goes_on_in_batches_and_its_verdict_can_fail() {
 
     let (code, third, said) = campaign(&[&file, "--report", &out]);
     assert_eq!((code, results(&folder).len()), (Some(1), 15), "what is through is only judged again\n{third}\n{said}");
+    assert_eq!(folder.read("out/kills.toml"), CAMPAIGN, "by which anybody can judge them");
+    let before = [folder.read("out/results.jsonl"), folder.read("out/stations.jsonl"), folder.read("out/report.json")];
+    let (code, compared, said) = run(hystation().args(["fault", "compare", &out, &out]));
+    let said_of_both = ["both are of one file, seed, build, machine and day", "nothing can be told: no difference is beyond doubt"];
+    assert!(code == Some(0) && said_of_both.iter().all(|words| compared.contains(words)), "{code:?} {compared}{said}");
+    let after = [folder.read("out/results.jsonl"), folder.read("out/stations.jsonl"), folder.read("out/report.json")];
+    assert_eq!(after, before, "who compares changes nothing");
+    let (code, _, said) = run(hystation().args(["fault", "compare", &out, &folder.path("nowhere")]));
+    assert!(code == Some(2) && said.contains("give the folder of a campaign's results"), "{code:?} {said}");
     let (code, _, said) = campaign(&[&file, "--report", &out, "--seed", "6"]);
     assert!(code == Some(2) && said.contains("another seed"), "{code:?}: {said}");
     assert_nothing_left();

@@ -13,7 +13,7 @@ use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::swapped::{assert_deficit_goes_on, got_no_time, swap};
+use station_tests::swapped::{assert_deficit_goes_on, assert_swaps_are_told, got_no_time, swap};
 use station_tests::windows::{Pairs, Spinners};
 use station_tests::{DEVICE_TICKS, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
@@ -125,6 +125,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
     ended.assert_clean();
     ended.assert_recorded();
     assert_deficit_goes_on(&ended);
+    assert_swaps_are_told(&ended);
 }
 
 /// What a developer does all day: builds over the file that was swapped. The station goes on with what it has verified, whoever dies, and what is swapped in

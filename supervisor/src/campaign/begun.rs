@@ -2,6 +2,7 @@
 //! `stations.jsonl` what came of it as a whole. A station that was cut off (its campaign was killed, the disk took no more, the machine lost power) has none of
 //! these last: what it applied, lost and left is not known. Promise: whoever judges a folder, faults of such a station are not through, and they come again.
 
+use super::draw::Plan;
 use super::origin::Origin;
 use super::outcome::Outcome;
 use super::station::StationOutcome;
@@ -28,6 +29,25 @@ pub struct Parted {
     pub cut: Vec<Outcome>,
 }
 
+/// Parts those of a plan; others are left out.
+pub fn of_plan(plan: &Plan, mut outcomes: Vec<Outcome>, stations: &[StationOutcome]) -> Parted {
+    outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
+    part(outcomes, stations)
+}
+
+/// What is to be said of faults whose station was cut off; `None` if there are none.
+pub fn told_of_cut(cut: &[Outcome]) -> Option<String> {
+    let faults = match cut.len() {
+        0 => return None,
+        1 => "1 fault is".to_string(),
+        count => format!("{count} faults are"),
+    };
+    Some(format!(
+        "{faults} not through, although done: the station was cut off (its campaign was killed, the disk took no more, or the machine lost power), \
+         so that nobody knows what else it did to the hand, lost or left; none is judged, and a run that goes on does them again"
+    ))
+}
+
 /// Parts outcomes by whether their stations have ended.
 pub fn part(outcomes: Vec<Outcome>, stations: &[StationOutcome]) -> Parted {
     let of_station = |station: &StationOutcome| station.faults.iter().map(|index| (station.run, *index)).collect::<Vec<_>>();
@@ -50,7 +70,7 @@ pub fn part(outcomes: Vec<Outcome>, stations: &[StationOutcome]) -> Parted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::draw::{self, Plan};
+    use crate::campaign::draw;
     use crate::campaign::file;
     use crate::campaign::store::Store;
     use crate::campaign::store::tests::reopened;

@@ -6,9 +6,11 @@
 //! most 5 % each, by an exact test for pairs ([`paired`]); single proportions are bounded by Clopper and Pearson ("The use of confidence or fiducial
 //! limits", Biometrika 1934).
 
+mod difference;
 mod paired;
 mod spread;
 
+pub use difference::{Difference, Told, told};
 pub use spread::{mean_upper95, together};
 
 use crate::faultfile::MOST_FAULTS;

@@ -22,7 +22,7 @@ const MOST_GAP_TICKS: u64 = 60_000;
 /// Shortest: a fault's window and a control window fit in between; what a fault may do later is waited for beyond it.
 const LEAST_GAP_TICKS: u64 = 450;
 /// Largest file, bytes: a campaign is some dozens of lines.
-const MOST_BYTES: u64 = 1 << 20;
+pub(super) const MOST_BYTES: u64 = 1 << 20;
 
 /// A campaign.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +47,8 @@ pub struct Campaign {
     pub pools: Vec<Pool>,
     /// Hash of the file's text: results of another file are not continued.
     pub hash: u64,
+    /// That text.
+    pub text: String,
 }
 
 /// How the stations are run.
@@ -215,6 +217,7 @@ pub fn parse(name: &str, text: &str) -> Result<Campaign, String> {
         cells,
         pools: file.pool,
         hash: super::draw::hash(text.as_bytes()),
+        text: text.to_string(),
     };
     for cell in &campaign.cells {
         if let Some(arm) = cell.arms.iter().find(|arm| !campaign.arms.iter().any(|known| known.name == **arm)) {

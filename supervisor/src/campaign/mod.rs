@@ -1,5 +1,5 @@
 //! Fault campaigns: a plan of faults is drawn from a file and a seed, injected into stations of its own, and judged. The plan is printed
-//! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase.
+//! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase; the results of two are compared.
 //!
 //! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
 //! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
@@ -9,6 +9,7 @@ mod advice;
 mod begun;
 pub mod bounds;
 pub mod cell;
+pub mod compare;
 mod deficit;
 pub mod draw;
 pub mod file;
@@ -22,6 +23,7 @@ mod origin;
 pub mod outcome;
 pub mod plots;
 mod repeat;
+mod results;
 mod room;
 mod runner;
 pub mod session;
@@ -66,6 +68,9 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
         .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
     store.told_of_cut().iter().for_each(|line| warn(line));
+    if let Err(refusal) = store.keep_file(&campaign) {
+        warn(&refusal.message); // it is for who compares; whatever the faults need is refused when they do
+    }
     let code = in_folder(name, args, &campaign, &plan, &mut store);
     if !matches!(code, Ok(0))
         && let Some(folder) = store.keep()

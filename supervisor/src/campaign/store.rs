@@ -2,16 +2,19 @@
 //! or run in batches, goes on where it ended; faults of a station that was cut off come again ([`super::begun`]). One campaign at a time has the folder. Results
 //! of another file, seed or plan are refused, never mixed; a plan of which nothing came gives way.
 
-use super::begun::{Begun, Parted, part};
+use super::begun::{Begun, Parted, of_plan, told_of_cut};
 use super::draw::Plan;
+use super::file::Campaign;
 use super::origin::Origin;
 use super::outcome::Outcome;
+use super::results::{self, PLAN, RESULTS, STATIONS};
 use super::station::StationOutcome;
 use crate::settings::Refusal;
 use hyst_exchange::whole;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::fs::{File, TryLockError};
+use std::ffi::OsStr;
+use std::fs::{DirEntry, File, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -37,8 +40,6 @@ pub struct Store {
 
 /// Exit code of a run that is not through.
 const UNKNOWN: u8 = 3;
-/// The file that says what the results are of.
-const PLAN: &str = "plan.json";
 /// The file that says what runs a station, before its first fault.
 const BEGUN: &str = "begun.jsonl";
 /// Passing folders of one process id that are tried: each was kept by a campaign before this one.
@@ -82,7 +83,7 @@ impl Store {
         let text = serde_json::to_string_pretty(plan).map_err(|e| refuse(&path, &e.to_string()))?;
         let plan_file = path.join(PLAN);
         let is_there = |name: &str| std::fs::metadata(path.join(name)).is_ok_and(|file| file.len() > 0);
-        let has_results = ["results.jsonl", "stations.jsonl"].into_iter().any(is_there);
+        let has_results = [RESULTS, STATIONS].into_iter().any(is_there);
         match std::fs::read_to_string(&plan_file) {
             Ok(known) if known == text => {}
             Ok(_) if has_results => {
@@ -94,20 +95,20 @@ impl Store {
             // Nothing has come of the plan that lies there.
             _ => whole::write(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
         }
-        let mut outcomes: Vec<Outcome> = lines(&path, "results.jsonl")?;
-        let stations: Vec<StationOutcome> = lines(&path, "stations.jsonl")?;
+        let outcomes: Vec<Outcome> = lines(&path, RESULTS)?;
+        let stations: Vec<StationOutcome> = lines(&path, STATIONS)?;
         let begun: Vec<Begun> = lines(&path, BEGUN)?;
         let runs = stations.iter().map(|station| station.run).chain(begun.iter().map(|begun| begun.run));
         let next_run = runs.chain(outcomes.iter().filter_map(|outcome| outcome.run)).max().map_or(0, |run| run.saturating_add(1));
-        outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
-        let Parted { through, cut } = part(outcomes, &stations);
+        let Parted { through, cut } = of_plan(plan, outcomes, &stations);
         let (outcomes, passing) = (through, folder.is_none());
         Ok(Store { folder: path, _lock: lock, passing, begun, next_run, cut, outcomes, stations })
     }
 
     /// Has a passing folder outlive this run, if a station has left anything in it; says where it is.
     pub fn keep(&mut self) -> Option<&Path> {
-        let is_more = |entry: std::fs::DirEntry| entry.file_name() != PLAN;
+        let is_of_plan = |name: &OsStr| name == PLAN || Path::new(name).extension().is_some_and(|end| end == "toml");
+        let is_more = |entry: DirEntry| !is_of_plan(&entry.file_name());
         let has_more = std::fs::read_dir(&self.folder).is_ok_and(|entries| entries.flatten().any(is_more));
         let is_kept = self.passing && has_more;
         self.passing &= !has_more;
@@ -124,17 +125,20 @@ impl Store {
         self.folder.join(format!("run-{run}"))
     }
 
+    /// Keeps the campaign's file beside its results, without which nobody else can judge them ([`results::read`]). What has its name and another text stays.
+    pub fn keep_file(&self, campaign: &Campaign) -> Result<(), Refusal> {
+        if results::text_in(&self.folder, campaign.hash).is_some() {
+            return Ok(());
+        }
+        let own = format!("{}.toml", campaign.name);
+        let is_taken = self.folder.join(&own).exists();
+        let name = if is_taken { format!("{}-{:016x}.toml", campaign.name, campaign.hash) } else { own };
+        self.write(&name, &campaign.text)
+    }
+
     /// What is to be said of faults whose station was cut off; `None` if there are none.
     pub fn told_of_cut(&self) -> Option<String> {
-        let faults = match self.cut.len() {
-            0 => return None,
-            1 => "1 fault is".to_string(),
-            count => format!("{count} faults are"),
-        };
-        Some(format!(
-            "{faults} not through, although done: the station was cut off (its campaign was killed, the disk took no more, or the machine lost power), \
-             so that nobody knows what else it did to the hand, lost or left; none is judged, and a run that goes on does them again"
-        ))
+        told_of_cut(&self.cut)
     }
 
     /// Whether a fault is through.
@@ -171,14 +175,14 @@ impl Store {
 
     /// Adds a fault.
     pub fn add(&mut self, outcome: Outcome) -> Result<(), Refusal> {
-        self.append("results.jsonl", &outcome)?;
+        self.append(RESULTS, &outcome)?;
         self.outcomes.push(outcome);
         Ok(())
     }
 
     /// Adds a run of a station.
     pub fn add_station(&mut self, station: StationOutcome) -> Result<(), Refusal> {
-        self.append("stations.jsonl", &station)?;
+        self.append(STATIONS, &station)?;
         self.stations.push(station);
         Ok(())
     }
@@ -209,26 +213,16 @@ impl Drop for Store {
 /// The lines of a file; half a line at the end, of a campaign that was killed while it wrote, is cut off. One that is there and cannot be read is no empty one:
 /// its faults would be injected once more, and their lines mixed with those that nobody saw.
 fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refusal> {
-    let path = folder.join(name);
     let cure = "give another folder, or remove this one";
-    let bytes = match std::fs::read(&path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(refuse(folder, &format!("{name}: {error}; {cure}"))),
-    };
-    let length = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
-    if length < bytes.len() {
+    let lines = results::lines(folder, name).map_err(|what| refuse(folder, &format!("{what}; {cure}")))?;
+    if let Some(whole_bytes) = lines.whole_bytes {
         // In its place: hours of lines before it are not written once more, which a machine that loses power then might forget.
+        let path = folder.join(name);
         let file = std::fs::OpenOptions::new().write(true).open(&path);
-        let is_cut = file.and_then(|file| file.set_len(length as u64).and_then(|()| file.sync_data()));
+        let is_cut = file.and_then(|file| file.set_len(whole_bytes).and_then(|()| file.sync_data()));
         is_cut.map_err(|e| refuse(&path, &e.to_string()))?;
     }
-    let mut found = Vec::new();
-    for (index, line) in bytes[..length].split_inclusive(|byte| *byte == b'\n').enumerate() {
-        found
-            .push(serde_json::from_slice(line).map_err(|e| refuse(folder, &format!("{name}, line {}: {e}; {cure}", index + 1)))?);
-    }
-    Ok(found)
+    Ok(lines.found)
 }
 
 #[cfg(test)]
@@ -255,9 +249,11 @@ pub(crate) mod tests {
     #[test]
     fn a_passing_folder_goes_with_its_campaign_unless_it_is_kept_and_no_two_have_the_same() {
         let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
-        let plan = draw::plan(&file::parse("t", text).unwrap(), 1);
+        let campaign = file::parse("t", text).unwrap();
+        let plan = draw::plan(&campaign, 1);
         let mut idle = Store::open(None, &plan).unwrap();
         let mut other = Store::open(None, &plan).unwrap();
+        idle.keep_file(&campaign).unwrap();
         assert_ne!(idle.folder(), other.folder());
         std::fs::write(other.folder().join("run-0.log"), "what a station said").unwrap();
         let folders = [&idle, &other].map(|store| store.folder().to_path_buf());
@@ -273,6 +269,34 @@ pub(crate) mod tests {
         assert_eq!(named.keep(), None, "nobody has to be told where it is");
         drop(named);
         std::fs::remove_dir_all(&folders[0]).unwrap();
+    }
+
+    /// Whoever compares two folders has nothing else than what lies in them.
+    #[test]
+    fn a_folder_keeps_the_file_of_its_campaign_and_takes_no_other_for_it_nor_its_place() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
+        let campaign = file::parse("t", text).unwrap();
+        let folder = std::env::temp_dir().join(format!("hystation-kept-{}", std::process::id()));
+        let store = Store::open(Some(&folder), &draw::plan(&campaign, 1)).unwrap();
+        let names = || {
+            let mut names: Vec<String> =
+                std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        store.keep_file(&campaign).unwrap();
+        store.keep_file(&campaign).unwrap();
+        assert_eq!(names(), ["plan.json", "t.toml"]);
+        assert_eq!(results::text_in(&folder, campaign.hash).as_deref(), Some(text));
+        std::fs::write(folder.join("t.toml"), "seed = 9").unwrap();
+        assert_eq!(results::text_in(&folder, campaign.hash), None);
+        store.keep_file(&campaign).unwrap();
+        let other = format!("t-{:016x}.toml", campaign.hash);
+        assert_eq!(names(), ["plan.json", other.as_str(), "t.toml"]);
+        assert_eq!(std::fs::read_to_string(folder.join("t.toml")).unwrap(), "seed = 9", "it is somebody's");
+        assert_eq!(results::text_in(&folder, campaign.hash).as_deref(), Some(text));
+        drop(store);
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

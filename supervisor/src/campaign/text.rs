@@ -47,7 +47,8 @@ pub fn line(outcome: &Outcome, planned: usize) -> String {
     text
 }
 
-fn word(verdict: Verdict) -> &'static str {
+/// A verdict; nothing of figures alone.
+pub(super) fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Figures => "",
         Verdict::Held => "held",
@@ -225,16 +226,16 @@ fn remarks(text: &mut String, judgement: &Judgement) {
     }
 }
 
+/// Which campaign it is, and how far it has come.
+pub(super) fn head(campaign: &str, seed: u64, [done, planned]: [usize; 2]) -> String {
+    format!("campaign {campaign}, seed {seed}: {done} of {planned} faults are through")
+}
+
 /// The report.
 pub fn text(judgement: &Judgement) -> String {
-    let mut text = format!(
-        "\ncampaign {}, seed {}: {} of {} faults are through{}\n",
-        judgement.campaign,
-        judgement.seed,
-        judgement.done,
-        judgement.planned,
-        if judgement.done < judgement.planned { "; the same command goes on" } else { "" }
-    );
+    let goes_on = if judgement.done < judgement.planned { "; the same command goes on" } else { "" };
+    let head = head(&judgement.campaign, judgement.seed, [judgement.done, judgement.planned]);
+    let mut text = format!("\n{head}{goes_on}\n");
     for batch in &judgement.origins {
         let _ = writeln!(text, "{}", batch.words());
     }
@@ -294,7 +295,7 @@ pub fn text(judgement: &Judgement) -> String {
 }
 
 /// A heading with its lines, if there are any.
-fn list(text: &mut String, heading: &str, lines: &[String]) {
+pub(super) fn list(text: &mut String, heading: &str, lines: &[String]) {
     if !lines.is_empty() {
         let _ = writeln!(text, "\n{heading}");
     }

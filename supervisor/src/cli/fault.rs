@@ -1,4 +1,4 @@
-//! The arguments of `fault`: one fault by hand, or many by a campaign.
+//! The arguments of `fault`: one fault by hand, many by a campaign, or two campaigns beside each other.
 
 use super::{codes, seconds};
 use crate::moment::MOST_PHASE_US;
@@ -20,6 +20,9 @@ pub enum FaultCommand {
     /// Do many faults, by a plan drawn from a file and a seed, in stations of its own, and judge them.
     #[command(after_help = codes::CAMPAIGN)]
     Campaign(CampaignArgs),
+    /// Compare the results of two campaigns: what each fault cost before and after a change. Nothing is started, and nothing is written.
+    #[command(after_help = codes::COMPARE)]
+    Compare(CompareArgs),
 }
 
 /// Arguments of `fault inject`.
@@ -107,6 +110,23 @@ pub struct CampaignArgs {
     #[arg(long, value_name = "N", requires = "report")]
     pub batch: Option<usize>,
     /// Print nothing but JSON on stdout: the report; with --plan the plan, with --only what came of that fault.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `fault compare`.
+#[derive(Clone, Debug, Args)]
+pub struct CompareArgs {
+    /// The results of the first campaign, as its --report named them.
+    #[arg(value_name = "FOLDER")]
+    pub first: PathBuf,
+    /// Those of the second, of which it is said whether they are worse or better than the first.
+    #[arg(value_name = "FOLDER")]
+    pub second: PathBuf,
+    /// The campaign's file, as it was then, of results that have no copy of it beside them; one of each folder may be given. Default: the copy.
+    #[arg(long, value_name = "FILE")]
+    pub file: Vec<PathBuf>,
+    /// As JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -23,7 +23,7 @@ use drawn::Drawn;
 use hyst_exchange::{Station, StationPage, system};
 use serde_json::json;
 
-/// Lists the kinds, injects one, or many by a campaign.
+/// Lists the kinds, injects one, or many by a campaign, or compares two of these.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     match command {
         FaultCommand::List { json: true } => {
@@ -35,6 +35,7 @@ pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
             Ok(0)
         }
         FaultCommand::Campaign(args) => crate::campaign::run(station.name(), &args),
+        FaultCommand::Compare(args) => crate::campaign::compare::run(&args),
         FaultCommand::Inject(args) => inject(station, &args),
     }
 }

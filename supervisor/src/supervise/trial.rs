@@ -111,8 +111,13 @@ impl Trial {
 }
 
 impl Supervisor {
-    /// Begins a swap that was asked for; gives its number, or why it is refused.
+    /// Begins a swap that was asked for; gives its number, or why it is refused. The report tells of either.
     pub(super) fn begin_swap(&mut self, role: &str, binary: &Path) -> Result<u64, String> {
+        let begun = self.begin_unless_refused(role, binary);
+        begun.inspect_err(|reason| self.faults.swap_refused(role, binary, reason))
+    }
+
+    fn begin_unless_refused(&mut self, role: &str, binary: &Path) -> Result<u64, String> {
         let role = role_of(role)?;
         if self.permit.is_some() {
             return Err("a station in lock-step has no time to shadow in; swap in a station on the real clock".into());
@@ -150,6 +155,7 @@ impl Supervisor {
             return Err("the station's root takes no more files; look at `df /dev/shm`".into());
         }
         self.faults.swap_begun(record.begun_ns);
+        self.faults.swap_asked(&record);
         self.spawner.mortality.pass("swap-declared");
         journal::say(&self.station, &line_of_step(number, role.name(), &what));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
@@ -274,6 +280,7 @@ impl Supervisor {
         trial.record.note(text);
         journal::say(&self.station, &line_of_step(trial.record.number, &trial.record.role, text));
         trial.record.write(&self.station); // a full disk costs what is said, not the swap
+        self.faults.swap_went_on(&trial.record);
     }
 
     /// Somebody else has the role: said, if one of the two is the newcomer.
@@ -360,6 +367,7 @@ impl Supervisor {
             return self.faults.swap_ended(system::now_ns());
         };
         self.faults.swap_begun(record.begun_ns);
+        self.faults.swap_asked(&record);
         let binary = std::fs::canonicalize(&record.binary).ok();
         let runs = |slot: Slot| binary.is_some() && binary_of(self.viewer.page().pid(slot)) == binary;
         let alive = |slot: &Slot| self.viewer.page().pid(*slot) != 0 && !self.viewer.page().is_dead(*slot);

@@ -12,9 +12,9 @@
 use super::{lower, upper as upper_of_one};
 
 /// Chance of being wrong.
-const DOUBT: f64 = 0.05;
-/// The part of it that is spent on how many pairs differ.
-const DOUBT_PSI: f64 = 0.001;
+pub(super) const DOUBT: f64 = 0.05;
+/// The share of it that is spent on how many pairs differ: of 5 % one in a thousand.
+const SHARE_PSI: f64 = 0.02;
 /// Values of ψ that are tried: the chance changes slowly and smoothly with it.
 const PSI_STEPS: usize = 24;
 /// Values of Δ that are tried from above.
@@ -30,14 +30,20 @@ const SAME: f64 = 1e-9;
 
 /// Above this Δ lies the truth with at most 5 % doubt.
 pub fn upper(n: usize, worse: usize, better: usize) -> f64 {
+    upper_but_for(n, worse, better, DOUBT)
+}
+
+/// The same with another doubt.
+pub fn upper_but_for(n: usize, worse: usize, better: usize, doubt: f64) -> f64 {
     if n == 0 {
         return 1.0;
     }
     let differ = worse + better;
-    let psi = [lower(differ, n, 0.5 * DOUBT_PSI), upper_of_one(differ, n, 0.5 * DOUBT_PSI)];
+    let doubt_psi = SHARE_PSI * doubt;
+    let psi = [lower(differ, n, 0.5 * doubt_psi), upper_of_one(differ, n, 0.5 * doubt_psi)];
     let seen = (worse as f64 - better as f64) / n as f64;
     let ln_factorials = ln_factorials(n);
-    let is_refused = |delta: f64| largest_chance(n, [worse, better], delta, psi, &ln_factorials) + DOUBT_PSI <= DOUBT;
+    let is_refused = |delta: f64| largest_chance(n, [worse, better], delta, psi, &ln_factorials) + doubt_psi <= doubt;
     // Δ is never more than ψ, so above ψ's own bound all are refused.
     let step = (psi[1] - seen) / DELTA_STEPS as f64;
     let at = (1..DELTA_STEPS).find(|at| !is_refused(psi[1] - *at as f64 * step)).unwrap_or(DELTA_STEPS); // the last is what was seen
