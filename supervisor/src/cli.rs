@@ -87,7 +87,7 @@ pub enum Command {
     Swap {
         /// The role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
         role: String,
-        /// The engine's binary.
+        /// The engine's binary. To have the station's own engine again, name its file, which lies beside this program (/usr/lib/hystation/fluid of the package).
         binary: PathBuf,
         /// As JSON.
         #[arg(long)]
@@ -215,7 +215,7 @@ pub struct StationArgs {
     /// Number of collision workers, 0 to 16. Default: 2.
     #[arg(long, value_name = "N")]
     pub workers: Option<usize>,
-    /// A setting; may be given again and again. An unknown key lists those that there are.
+    /// A setting, such as seed=7 or trainee=Ana; may be given more than once. An unknown key lists the known ones.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Folder of the engines' binaries, for a station of another build. Default: that of this program.

@@ -32,15 +32,16 @@ pub struct InjectArgs {
     pub kind: String,
     /// Who is hit: PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
     pub target: String,
-    /// How long it lasts: a stopped process is continued then, and any other ends what it was asked to do. Default: until it is replaced, or undone by
-    /// `fault inject undo`; `fault list` says it of each kind. slow, no-files, disk-full and shm-full need it, and what is done once takes none.
+    /// How long it lasts: after that a stopped process is continued, and any other ends what it was asked to do. Default: until the process is replaced, or
+    /// the fault undone by `fault inject undo`; `fault list` says it of each kind. slow, no-files, disk-full and shm-full need it; a kind that is done at once
+    /// takes none.
     #[arg(long = "for", value_name = "TIME", value_parser = seconds)]
     pub for_s: Option<f64>,
     /// Do it at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead. Default: now, or drawn from --seed.
     #[arg(long, group = "moment")]
     pub tick: Option<String>,
-    /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it. Default: drawn
-    /// from --seed; without it 0, and with --state at once.
+    /// With --tick or --state: this many µs after the tick has begun, 0 to 999; with --state, of the 40th tick after the station came into it. Default: drawn
+    /// from --seed; without a seed 0, and with --state at once.
     #[arg(long = "phase", value_name = "US", requires = "moment")]
     #[arg(value_parser = clap::value_parser!(u32).range(0..=i64::from(MOST_PHASE_US)))]
     pub phase_us: Option<u32>,
@@ -48,16 +49,16 @@ pub struct InjectArgs {
     /// to be replaced, or was, and is not back); of one role alone: swap:ROLE, handover:ROLE.
     #[arg(long, group = "moment")]
     pub state: Option<String>,
-    /// With --state: wait so long at most. Default: 1m.
+    /// With --state: wait for it at most this long. Default: 1m.
     #[arg(long = "within", value_name = "TIME", requires = "state", value_parser = seconds)]
     pub within_s: Option<f64>,
-    /// slow: each step takes so many times as long, 1 to 100. Default: 1, with --extra.
+    /// slow: each step takes this many times as long, 1 to 100; one of this and --extra is needed. Default: 1.
     #[arg(long)]
     pub factor: Option<f64>,
-    /// slow: and this much longer: 500us, 2ms. Default: 0, with --factor.
+    /// slow: each step takes this much longer (500us, 2ms), on top of --factor. Default: 0.
     #[arg(long = "extra", value_name = "TIME", value_parser = seconds)]
     pub extra_s: Option<f64>,
-    /// slow: what is added varies by this share of it, 0 to 1. Default: 0.
+    /// slow: the time that is added varies by this share of it, up and down, 0 to 1. Default: 0.
     #[arg(long)]
     pub jitter: Option<f64>,
     /// leak-memory: MiB per second. Default: 32. leak-files: files per second. Default: 60.
@@ -66,7 +67,7 @@ pub struct InjectArgs {
     /// crash-loop: how many successors die, 1 to 20. Default: 3.
     #[arg(long)]
     pub times: Option<u32>,
-    /// nan, frozen and other lies: by this output alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
+    /// nan, frozen and other lies: only in this output: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
     #[arg(long)]
     pub output: Option<String>,
     /// block: a thread that helps it: usher (meets newcomers), drain (of a servo), keeper (of checkpoints) or clerk (of a tissue). Default: that of its steps.
@@ -75,12 +76,12 @@ pub struct InjectArgs {
     /// corrupt: where bytes flip: page, stream, link, checkpoint, station or roster.
     #[arg(long = "where", value_name = "PLACE")]
     pub place: Option<String>,
-    /// corrupt: how many bytes. Default: 16.
+    /// corrupt: how many bytes flip. Default: 16.
     #[arg(long)]
     pub bytes: Option<u32>,
-    /// Draw from it what is not said of the moment: the phase, and without --tick and --state the tick, 600 to 1400 ticks from now, as in a campaign that says
-    /// no gap_ticks. What was drawn is told, to be done again with --tick and --phase. corrupt: its bytes, and not the moment. Default: nothing is drawn of the
-    /// moment, and the bytes from another seed each time, which the events say.
+    /// Draw from it what is left open of the moment: the phase, and without --tick and --state the tick, 600 to 1400 ticks from now, as in a campaign without
+    /// gap_ticks. What was drawn is printed, to be repeated with --tick and --phase. corrupt: its bytes are drawn from it, and not the moment. Default: nothing
+    /// of the moment is drawn, and the bytes are drawn from another seed each time, which the events name.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Say whom it hit, and when, as JSON.
@@ -96,8 +97,8 @@ pub struct CampaignArgs {
     /// Seed of the plan. Default: the file's.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. With the same folder the campaign goes on where it ended.
-    /// Default: a folder that is removed at the end, but for an exit code other than 0.
+    /// Folder of the results: report.html, report.txt, report.json, junit.xml, the plan, and a line for each fault and station. With the same folder the
+    /// campaign goes on where it ended. Default: a folder that is removed at the end if the exit code is 0.
     #[arg(long, value_name = "FOLDER")]
     pub report: Option<PathBuf>,
     /// Print the plan, and do nothing else.
@@ -106,7 +107,7 @@ pub struct CampaignArgs {
     /// Repeat this one fault of the plan, at the same tick and phase; one in a swap, as long after the same stage of it.
     #[arg(long, value_name = "N", conflicts_with_all = ["plan", "batch"])]
     pub only: Option<usize>,
-    /// Do so many faults at most; the next run with the same folder goes on.
+    /// Do this many faults at most; the next run with the same folder goes on. 0 only judges what there is.
     #[arg(long, value_name = "N", requires = "report")]
     pub batch: Option<usize>,
     /// Print nothing but JSON on stdout: the report; with --plan the plan, with --only what came of that fault.
