@@ -5,6 +5,8 @@
 //! pull with, as it is felt at the tip by the lever about the pivot, and the coefficient of friction, by which the servo holds the tip back along the planes.
 //! Damping is the tissue's alone.
 
+mod stuck;
+
 use crate::through::{Passage, Through};
 use crate::tool::Stand;
 use crate::world::{TOOL_ID, World};
@@ -17,6 +19,7 @@ use hyst_contact::{
 use hyst_engine::Failure;
 use hyst_messages::Pose;
 use hyst_tissue::{ContactLaw, Hold, PairSpring, PlaneSpring, Scratch, StateRef, gather};
+pub use stuck::Stuck;
 
 /// Contact stiffness per area, N/m³: a tip of 5 mm diameter (20 mm²) is met with about 1.5 kN/m, several times stiffer than tissue of 30 kPa
 /// under it, so that the tissue yields and not the contact.
@@ -31,7 +34,7 @@ const MAX_DEPTH_M: f32 = 0.02;
 const MAX_LOOP_DEPTH_M: f32 = 0.003;
 /// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
 const MAX_HELD_DEPTH_M: f32 = 3e-4;
-/// Nothing sticks to the tool over a longer way, m.
+/// Nothing sticks to the tool, or to other tissue, over a longer way, m.
 const MOST_BENT_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
@@ -43,7 +46,6 @@ const MOST_STIFFNESS_N_M: f32 = 500.0;
 pub const LAW: ContactLaw = ContactLaw {
     damping_s: 6e-4,
     friction: 0.05, // wet mucosa slides, on metal and on itself
-    slip_m_s: 0.01,
     most_n: 5.0,
 };
 
@@ -65,8 +67,9 @@ pub struct Contacts {
     springs: Vec<PlaneSpring>,
     /// Whether the friction of each is the one that its point remembers: a point may be in two objects.
     remembers: Vec<bool>,
-    /// Where tissue meets other tissue.
+    /// Where tissue meets other tissue, and the object that each node is pressed into there.
     pairs: Vec<PairSpring>,
+    pair_owners: Vec<u32>,
     /// What the tool went through.
     through: Through,
 }
@@ -107,6 +110,12 @@ fn way_out(world: &World, tissue: &Tissue<'_>, found: &Penetration, point_m: [f3
     (of_surface.map(away_m).fold(depth_m, f32::min), normal)
 }
 
+/// How far the state says that something is bent, m: one that was damaged may say anything.
+fn believed_m(bent_m: [f32; 3]) -> Vec3 {
+    let bent_m = Vec3::from(bent_m);
+    if bent_m.length() <= MOST_BENT_M { bent_m } else { Vec3::ZERO }
+}
+
 impl Contacts {
     /// Buffers for a world.
     pub fn new(world: &World) -> Contacts {
@@ -127,6 +136,7 @@ impl Contacts {
             springs: Vec::new(),
             remembers: Vec::new(),
             pairs: Vec::new(),
+            pair_owners: Vec::new(),
             through: Through::default(),
         };
         contacts.fit(world);
@@ -153,17 +163,20 @@ impl Contacts {
         self.remembers.reserve(contacts);
         self.pairs.clear();
         self.pairs.reserve(hits);
+        self.pair_owners.clear();
+        self.pair_owners.reserve(hits);
         self.through.fit(world);
     }
 
-    /// Depth and direction of each hit; the springs that the deformation feels. `memory` is that of the tool's points.
+    /// Depth and direction of each hit; the springs that the deformation feels. `memory` is that of the tool's points, `stuck` what the nodes stick to, if
+    /// anybody remembers.
     pub fn meet(
         &mut self,
         world: &World,
         hits: &[Hit],
         (tool, passage): (&ToolMotion<'_>, &Passage<'_>),
         positions_m: &[[f32; 3]],
-        memory: &mut [Memory],
+        (memory, stuck): (&mut [Memory], &[Stuck]),
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let tissue = tissue(world, positions_m);
@@ -184,25 +197,30 @@ impl Contacts {
         let held = self.through.hold(world, tool, &tissue, of_tool, &mut self.found[found..]);
         memory.copy_from_slice(of_tool);
         self.node_force_n.fill([0.0; 3]);
-        self.spring(world, tool, positions_m, found + held);
+        self.spring(world, tool, (positions_m, stuck), found + held);
         Ok(())
     }
 
     /// The springs of what was found. The tool's points come first.
-    fn spring(&mut self, world: &World, tool: &ToolMotion<'_>, positions_m: &[[f32; 3]], found: usize) {
+    fn spring(&mut self, world: &World, tool: &ToolMotion<'_>, (positions_m, stuck): (&[[f32; 3]], &[Stuck]), found: usize) {
         let tissue = tissue(world, positions_m);
         self.springs.clear();
         self.remembers.clear();
         self.forces.clear();
         self.pairs.clear();
+        self.pair_owners.clear();
         for found in &self.found[..found] {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
+            let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
             if let Some(node) = world.points.node.get(found.point as usize).copied().filter(|node| *node != NONE) {
                 let (depth_m, normal) = way_out(world, &tissue, found, point);
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
-                self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
+                let owner = tissue.tet_owner.get(found.tet as usize).copied().unwrap_or(NONE);
+                let sticks_at_m = (Vec3::from(point) - at + Stuck::way_m(stuck.get(node as usize), owner)).to_array();
+                self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, sticks_at_m, stiffness_n_m });
+                self.pair_owners.push(owner);
             } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
@@ -216,7 +234,6 @@ impl Contacts {
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
                 let remembered = self.remembered(&tissue, found);
-                let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
                 let way_m = self.through.way_m(found.point as usize, tool);
                 let sticks_at_m = (at + remembered.unwrap_or_default() + way_m).to_array();
                 self.remembers.push(remembered.is_some());
@@ -240,9 +257,7 @@ impl Contacts {
     fn remembered(&self, tissue: &Tissue<'_>, found: &Penetration) -> Option<Vec3> {
         let owner = tissue.tet_owner.get(found.tet as usize);
         let memory = self.memory.get(found.point as usize).filter(|memory| owner == Some(&memory.owner))?;
-        let bent_m = Vec3::from(memory.bent_m);
-        // A state that was damaged may say anything.
-        Some(if bent_m.length() <= MOST_BENT_M { bent_m } else { Vec3::ZERO })
+        Some(believed_m(memory.bent_m))
     }
 
     /// Springs of the step, where the tool meets tissue.
@@ -271,12 +286,14 @@ impl Contacts {
     }
 
     /// The planes for the servo, which are felt at the tip, and the force on the tool wherever it acts, from the tissue as it is after the step that
-    /// `scratch` has made, with what the tool holds. What sticks to its points is remembered in `memory`, which is that of the tool's points.
+    /// `scratch` has made, with what the tool holds. What sticks to its points is remembered in `memory`, which is that of the tool's points, and what tissue
+    /// sticks to in `stuck`, which is that of the nodes.
     pub fn planes(
         &mut self,
         world: &World,
         hash: &HashRef<'_>,
-        (tool, holds, memory): (&ToolMotion<'_>, &[Hold], &mut [Memory]),
+        (tool, holds): (&ToolMotion<'_>, &[Hold]),
+        (memory, stuck): (&mut [Memory], &mut [Stuck]),
         after: &StateRef<'_>,
         scratch: &Scratch,
     ) -> Result<(PlaneSet, [f32; 3]), Failure> {
@@ -300,6 +317,7 @@ impl Contacts {
             self.forces.push(force);
             total.iter_mut().zip(pull.force_n).for_each(|(sum, part)| *sum -= part);
         }
+        self.remember(world, after, scratch, stuck);
         let tissue = tissue(world, after.position_m);
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let count = world.points.tool;

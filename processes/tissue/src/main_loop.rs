@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
+use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, stuck_of, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 pub(crate) use cutting::fit;
@@ -200,13 +200,14 @@ impl Stateful for MainLoop<'_> {
         let world = &self.world;
         let header = StreamHeader { topology_version: world.version, ..header };
         let parts = MessageMut::format(state, Kind::TissueState, header, &sections(world, 0))?.split();
-        let [core, positions, velocities, surface, memory, body, _, grasp, ..] = parts;
+        let [core, positions, velocities, surface, memory, body, _, grasp, stuck, ..] = parts;
         core.copy_from_slice(bytemuck::bytes_of(&self.first_core()));
         let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
         positions.copy_from_slice(world.model.rest_m());
         velocities.fill(0);
         memory.fill(0);
         grasp.fill(0);
+        stuck.fill(0);
         body.copy_from_slice(bytemuck::cast_slice(&world.words));
         surface_update(&world.body.skin.bindings, world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
         Ok(())
@@ -269,7 +270,7 @@ impl Stateful for MainLoop<'_> {
         self.grasp.keep_tissue(world);
         let header = StreamHeader { input_tick: hand.input_tick, topology_version: world.version, ..*message.header() };
         let sections = sections(world, self.knife.stroke_bytes());
-        let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, ..] =
+        let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, next_stuck, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
         write_body(&world.words, body);
         self.knife.write_stroke(next_stroke);
@@ -283,11 +284,11 @@ impl Stateful for MainLoop<'_> {
         let tested_ns = system::now_ns();
 
         // Response: contacts as springs for the deformation, the fluid's pressure as forces or as a law.
-        let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
+        let (table, dt_s, hits) = (self.collision.table()?, context.step_ticks as f32 * 1e-3, self.collision.hits());
         let tool = hand.motion(world.case.pivot_m, &self.points_m, (&before.pose, stood, message.header().input_tick), dt_s);
         let passage = Passage { hash: &table, velocities_m_s: velocities, dt_s };
-        self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
-        let seen = if stands.looks { self.collision.hits() } else { &[] };
+        self.contacts.meet(world, hits, (&tool, &passage), positions, (bytemuck::cast_slice_mut(memory), stuck_of(&message)))?;
+        let seen = if stands.looks { hits } else { &[] };
         self.grasp.act(world, seen, ([&before.pose, &hand.pose], tool.since_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
         let pressure = medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
@@ -314,8 +315,8 @@ impl Stateful for MainLoop<'_> {
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
-        let (holds, memory) = (self.grasp.holds(), bytemuck::cast_slice_mut(memory));
-        let (planes, force_n) = self.contacts.planes(world, &table, (&tool, holds, memory), &after, &self.scratch)?;
+        let sticks = (bytemuck::cast_slice_mut(memory), bytemuck::cast_slice_mut(next_stuck));
+        let (planes, force_n) = self.contacts.planes(world, &table, (&tool, self.grasp.holds()), sticks, &after, &self.scratch)?;
         self.planes = planes;
         let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), (&change, &report));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));

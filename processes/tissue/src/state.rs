@@ -1,6 +1,7 @@
 //! What a tissue state holds, and what a sound one is.
 
 use crate::body::{Body, COUNTS, version_of};
+use crate::contacts::Stuck;
 use crate::grasp;
 use crate::knife::most_stroke_bytes;
 use crate::world::World;
@@ -80,14 +81,17 @@ impl Core {
     }
 }
 
-/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke, what the jaws hold.
-pub const SECTIONS: usize = 8;
+/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke, what the jaws hold, what the
+/// nodes stick to.
+pub const SECTIONS: usize = 9;
 /// The body's.
 pub const BODY: usize = 5;
 /// The stroke's.
 pub const STROKE: usize = 6;
 /// That of what the jaws hold.
 pub const GRASP: usize = 7;
+/// That of what the nodes stick to.
+pub const STUCK: usize = 8;
 
 /// Bytes of each section of a state of a world.
 pub fn sections(world: &World, stroke: usize) -> [usize; SECTIONS] {
@@ -98,13 +102,18 @@ pub fn sections(world: &World, stroke: usize) -> [usize; SECTIONS] {
 fn of_counts(world: &World, nodes: usize, vertices: usize, words: usize, stroke: usize) -> [usize; SECTIONS] {
     let memory = world.case.tool.points_m.len() * size_of::<Memory>();
     let grasp = grasp::most_bytes(&world.case.tool);
-    [size_of::<Core>(), nodes * 12, nodes * 12, vertices * 12, memory, words * 4, stroke, grasp]
+    [size_of::<Core>(), nodes * 12, nodes * 12, vertices * 12, memory, words * 4, stroke, grasp, nodes * size_of::<Stuck>()]
 }
 
 /// Bytes of the greatest state that can come of a world.
 pub fn most_bytes(world: &World) -> usize {
     let room = &world.case.room;
     message_bytes(&of_counts(world, room.nodes, room.vertices, room.words(), most_stroke_bytes(room)))
+}
+
+/// What the nodes of a state stick to: nothing, where an engine in this one's place does not know.
+pub fn stuck_of<'a>(message: &Message<'a>) -> &'a [Stuck] {
+    message.section(STUCK).unwrap_or(&[])
 }
 
 /// Bytes that are compared at once before they are written.
@@ -163,7 +172,9 @@ pub fn is_sound_own(message: &Message<'_>, world: &World) -> bool {
 fn flaw_of_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[u8]) -> Option<Refusal> {
     let (nodes, vertices) = (words[0] as usize, words[2] as usize);
     let sizes = of_counts(world, nodes, vertices, words.len(), stroke.len());
-    let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sizes[index]);
+    // An engine in this one's place may not know what the nodes stick to.
+    let is_left_out = |index: usize| index == STUCK && message.header().sections as usize == STUCK;
+    let fits = |index: usize| message.section::<u8>(index).map_or(is_left_out(index), |bytes| bytes.len() == sizes[index]);
     let is_stroke = stroke.is_empty() || stroke.len().checked_sub(nodes * 12).is_some_and(|seats| seats % size_of::<Seat>() == 0);
     // Without an early end, so that it is a few instructions for each line of memory.
     let within = |index: usize, most: f32| {
@@ -177,7 +188,8 @@ fn flaw_of_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[
     }
 }
 
-/// Hash of what the next step depends on: positions and velocities, and of what they are the nodes. What the tool's points remember shows in them a step later.
+/// Hash of what the next step depends on: positions and velocities, and of what they are the nodes. What the tool's points remember, and what the nodes stick to,
+/// shows in them a step later.
 pub fn hash(message: &Message<'_>) -> u64 {
     let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
     let version = u64::from(message.header().topology_version);
@@ -192,8 +204,8 @@ mod tests {
     #[test]
     fn the_records_of_a_state_are_those_that_the_documents_say() {
         let (point, word) = (size_of::<[f32; 3]>(), size_of::<u32>());
-        let records: [usize; SECTIONS] =
-            [size_of::<Core>(), point, point, point, size_of::<Memory>(), word, word, size_of::<grasp::Grip>()];
+        let (memory, grip, stuck) = (size_of::<Memory>(), size_of::<grasp::Grip>(), size_of::<Stuck>());
+        let records: [usize; SECTIONS] = [size_of::<Core>(), point, point, point, memory, word, word, grip, stuck];
         assert_eq!(contents::record_bytes(Kind::TissueState), records);
         assert_eq!(contents::record_bytes(Kind::Topology).len(), crate::clerk::SECTIONS);
     }

@@ -74,7 +74,7 @@ pub static CONTENTS: [Content; 8] = [
         header: "input_tick: the input record it was made from; topology_version: hash of section 5; step_ticks",
         readers: &[Role::Fluid, Role::Rendering, Role::CollisionWorker],
         refused: "another layout, an epoch that nobody has won, a tick that is not there yet; by the next tissue also: sections whose lengths do not fit \
-                  section 5, a node beyond 10 m or faster than 1000 m/s, a pose that is not that of the input it names",
+                  section 5, a node beyond 10 m or faster than 1000 m/s, a pose that is not that of the input it names. Section 8 may be left out",
         sections: &[
             records("Core", STATE_OF_TISSUE, 288, "1", "the tool in the step, what was removed, cut and held so far"),
             numbers(POINT, 12, "nodes", "positions, m"),
@@ -95,6 +95,13 @@ pub static CONTENTS: [Content; 8] = [
                 "the wire's way while it cuts: nothing, or what processes/tissue/src/knife.rs writes",
             ),
             records("Grip", "processes/tissue/src/grasp.rs", 36, "points between the jaws", "what they hold"),
+            records(
+                "Stuck",
+                "processes/tissue/src/contacts/stuck.rs",
+                16,
+                "nodes",
+                "the tissue that each is pressed on, and the way along it to what it sticks to, m",
+            ),
         ],
         least: 8,
     },

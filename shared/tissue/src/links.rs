@@ -2,9 +2,9 @@
 //! that are held from outside ([`Hold`]).
 //!
 //! A contact is damped as far as explicit integration allows: the tissue has next to no damping of its own at the frequency of a node in a stiff contact, and
-//! would ring on for as long as it is touched. Friction with a plane is a spring that slides (Cundall and Strack 1979), as stiff across the normal as the
-//! contact along it, for which the model's bound has room; a drag that is as strong would need more than the light nodes of a surface leave. That of tissue
-//! with tissue is such a drag, for nobody remembers where two of them stuck, and so mostly far less than Coulomb's.
+//! would ring on for as long as it is touched. Friction is a spring that slides (Cundall and Strack 1979), as stiff across the normal as the contact along it:
+//! what draws alike along all axes has for each of them the row sums that the model's bound has room for along one. A drag that is as strong would need more
+//! than the light nodes of a surface leave. Where things stuck is remembered by whoever makes the contacts, from step to step.
 //!
 //! A force that is held for a whole step samples the fast modes of the tissue too rarely: even a weak spring then feeds them.
 //! Therefore what reacts to positions is handed over as a law, not as a force. Promise: the springs at a free node never add up
@@ -20,12 +20,11 @@ mod rub;
 use crate::model::Model;
 use crate::pressure::Pressure;
 use crate::step::EXTERNAL_FORCE_MAX_N;
-use ready::known;
 
 pub use hold::Hold;
 pub(crate) use hold::of_hold;
-pub(crate) use ready::{Grip, READY_MAX, Ready};
-use rub::{Rub, drag, stick};
+pub(crate) use ready::{Grip, READY_MAX, Ready, known};
+use rub::{Rub, stick};
 
 /// How far a spring's normal may be from unit length.
 const NORMAL_TOLERANCE: f32 = 1e-3;
@@ -39,8 +38,6 @@ pub struct ContactLaw {
     pub damping_s: f32,
     /// Coulomb's coefficient of friction.
     pub friction: f32,
-    /// Slip at which friction of tissue with tissue is full, m/s; of less it grows with the slip.
-    pub slip_m_s: f32,
     /// Largest normal force of one contact, N.
     pub most_n: f32,
 }
@@ -48,7 +45,7 @@ pub struct ContactLaw {
 impl Default for ContactLaw {
     /// Springs alone.
     fn default() -> ContactLaw {
-        ContactLaw { damping_s: 0.0, friction: 0.0, slip_m_s: 0.01, most_n: EXTERNAL_FORCE_MAX_N }
+        ContactLaw { damping_s: 0.0, friction: 0.0, most_n: EXTERNAL_FORCE_MAX_N }
     }
 }
 
@@ -60,7 +57,6 @@ impl ContactLaw {
         ContactLaw {
             damping_s: or(self.damping_s, default.damping_s),
             friction: or(self.friction, default.friction),
-            slip_m_s: or(self.slip_m_s, default.slip_m_s),
             most_n: or(self.most_n, default.most_n),
         }
     }
@@ -94,7 +90,7 @@ pub struct Push {
     pub stiffness_n_m: f32,
     /// Force on the tissue, N, with damping and friction.
     pub force_n: [f32; 3],
-    /// How far the point sticks out along the plane before what it sticks to, m, once what is more than friction holds has slid.
+    /// The way along the plane from the point to what it sticks to, m, once what is more than friction holds has slid.
     pub bent_m: [f32; 3],
 }
 
@@ -126,6 +122,8 @@ pub struct PairSpring {
     pub normal: [f32; 3],
     /// How far the node is to be from the point along the normal, m.
     pub depth_m: f32,
+    /// Where, from the point, what the node sticks to draws it along the plane, m, as far as friction goes: where it is itself, if nothing does.
+    pub sticks_at_m: [f32; 3],
     /// Stiffness, N/m. It takes up twice that at its node.
     pub stiffness_n_m: f32,
 }
@@ -205,10 +203,11 @@ impl Attachment {
 }
 
 impl PairSpring {
-    fn usable(&self, nodes: usize) -> bool {
+    pub(crate) fn usable(&self, nodes: usize) -> bool {
         can_join(self.node, &self.tet, &self.weights, self.stiffness_n_m, nodes)
             && is_unit(&self.normal)
             && (0.0..=EXTERNAL_FORCE_MAX_N).contains(&self.depth_m)
+            && self.sticks_at_m.iter().all(|part| part.is_finite())
     }
 
     fn loads(&self) -> [(u32, f32); 5] {
@@ -216,15 +215,9 @@ impl PairSpring {
     }
 }
 
-/// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side. `rub`: what friction does
-/// where it is pressed with so much, N, and slips so fast, m/s.
-fn push(
-    law: &ContactLaw,
-    normal: &[f32; 3],
-    ready: &Ready,
-    (depth_m, apart_m_s): (f32, [f32; 3]),
-    rub: impl FnOnce(f32, [f32; 3]) -> Rub,
-) -> Push {
+/// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side, and `away_m` the way
+/// from where it is to what it sticks to.
+fn push(law: &ContactLaw, normal: &[f32; 3], ready: &Ready, (depth_m, apart_m_s): (f32, [f32; 3]), away_m: [f32; 3]) -> Push {
     if depth_m <= 0.0 {
         return Push::default();
     }
@@ -234,7 +227,7 @@ fn push(
     let damping_n_s_m = (stiffness_n_m * law.damping_s).min(most_n_s_m);
     let damped_n = (normal_n - damping_n_s_m * leaving_m_s).clamp(0.0, law.most_n);
     let slip = [0, 1, 2].map(|axis| apart_m_s[axis] - leaving_m_s * normal[axis]);
-    let Rub { force_n: rubbed_n, bent_m } = rub(damped_n, slip);
+    let Rub { force_n: rubbed_n, bent_m } = stick(law, ready, (normal, away_m), damped_n, slip);
     let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] + rubbed_n[axis]);
     if force_n.iter().all(|force| force.is_finite()) {
         Push { normal_n, stiffness_n_m, force_n, bent_m }
@@ -255,19 +248,25 @@ pub(crate) fn of_plane<const N: usize>(
     let depth_m = spring.offset_m - (spring.normal[0] * at[0] + spring.normal[1] * at[1] + spring.normal[2] * at[2]);
     let apart_m_s = [0, 1, 2].map(|axis| speed[axis] - spring.velocity_m_s[axis]);
     let away_m = [0, 1, 2].map(|axis| spring.sticks_at_m[axis] - at[axis]);
-    let stick = |damped_n: f32, slip: [f32; 3]| stick(law, ready, (&spring.normal, away_m), damped_n, slip);
-    push(law, &spring.normal, ready, (depth_m, apart_m_s), stick)
+    push(law, &spring.normal, ready, (depth_m, apart_m_s), away_m)
 }
 
 /// What a usable pair does to its node; the tet takes the opposite.
-fn of_pair(law: &ContactLaw, pair: &PairSpring, ready: &Ready, position: &[[f32; 4]], velocity: &[[f32; 4]]) -> Push {
-    let apart = |rows: &[[f32; 4]]| {
+pub(crate) fn of_pair<const N: usize>(
+    law: &ContactLaw,
+    pair: &PairSpring,
+    ready: &Ready,
+    position: &[[f32; N]],
+    velocity: &[[f32; N]],
+) -> Push {
+    let apart = |rows: &[[f32; N]]| {
         let (node, point) = (rows[pair.node as usize], point(&pair.weights, &pair.tet, rows));
         [0, 1, 2].map(|axis| node[axis] - point[axis])
     };
-    let away = apart(position);
-    let depth_m = pair.depth_m - (pair.normal[0] * away[0] + pair.normal[1] * away[1] + pair.normal[2] * away[2]);
-    push(law, &pair.normal, ready, (depth_m, apart(velocity)), |damped_n, slip| drag(law, ready, damped_n, slip))
+    let from_point_m = apart(position);
+    let along_m = pair.normal[0] * from_point_m[0] + pair.normal[1] * from_point_m[1] + pair.normal[2] * from_point_m[2];
+    let away_m = [0, 1, 2].map(|axis| pair.sticks_at_m[axis] - from_point_m[axis]);
+    push(law, &pair.normal, ready, (pair.depth_m - along_m, apart(velocity)), away_m)
 }
 
 /// Σ wᵢ·rowᵢ.

@@ -9,7 +9,9 @@ use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
 use crate::layout::{self, Corners, LANES, Nodes, Row, ShortNodes};
-use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push, READY_MAX, Ready, of_hold, of_plane};
+use crate::links::{
+    ContactLaw, Grip, Hold, Links, PairSpring, PlaneSpring, Push, READY_MAX, Ready, known, of_hold, of_pair, of_plane,
+};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
 
@@ -77,6 +79,14 @@ impl Scratch {
     pub fn push(&self, model: &Model, law: &ContactLaw, spring: &PlaneSpring, at: &StateRef<'_>) -> Push {
         let ready = self.grip(model, at).and_then(|grip| spring.ready(&grip));
         ready.map_or(Push::default(), |ready| of_plane(&law.sane(), spring, &ready, at.position_m, at.velocity_m_s))
+    }
+
+    /// The same for a contact within the model: what its node feels there, of which the tet feels the opposite. `number` is its place among the contacts of
+    /// that step, of which those with what is not of the model come first.
+    pub fn press(&self, model: &Model, law: &ContactLaw, (number, pair): (usize, &PairSpring), at: &StateRef<'_>) -> Push {
+        let grip = self.grip(model, at).filter(|grip| pair.usable(grip.load_n_m.len()));
+        let ready = grip.and_then(|grip| known(&self.ready, number, || pair.ready(&grip)));
+        ready.map_or(Push::default(), |ready| of_pair(&law.sane(), pair, &ready, at.position_m, at.velocity_m_s))
     }
 
     /// The same for what was held in the last step.

@@ -8,7 +8,7 @@ use hyst_tissue::{ContactLaw, Hold, Material, Model, Options, Push, StateRef, St
 
 /// Stiffness that the models' bound has room for, N/m.
 const ROOM_N_M: f64 = 2_000.0;
-const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.05, slip_m_s: 0.01, most_n: 5.0 };
+const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.05, most_n: 5.0 };
 
 /// A block of 9 mm, whose lower side is fixed or not, and the middle of its upper side held at a place.
 fn held(is_fixed: bool, place_m: [f32; 3], stiffness_n_m: f32) -> (Body, Hold) {

@@ -190,10 +190,10 @@ proptest! {
         ];
         let [node, tet @ ..] = [nodes[0], nodes[1], nodes[2], nodes[3], 7];
         let pairs = [
-            PairSpring { node, tet, weights, normal, depth_m: offset_m, stiffness_n_m },
-            PairSpring { node: 9, tet: [60; 4], weights: [0.25; 4], normal: [0.0, 1.0, 0.0], depth_m: 1e12, stiffness_n_m: 1e12 },
+            PairSpring { node, tet, weights, normal, depth_m: offset_m, sticks_at_m: normal, stiffness_n_m },
+            PairSpring { node: 9, tet: [60; 4], weights: [0.25; 4], normal: [0.0, 1.0, 0.0], depth_m: 1e12, sticks_at_m: [f32::MAX, 0.0, f32::MIN], stiffness_n_m: 1e12 },
         ];
-        let law = ContactLaw { damping_s: weights[0], friction: weights[1], slip_m_s: weights[2], most_n: weights[3] };
+        let law = ContactLaw { damping_s: weights[0], friction: weights[1], most_n: weights[3] };
         let pressure = Pressure { triangles: &[[nodes[0], nodes[1], nodes[2]], [9, 60, 61]], pressure_pa: stiffness_n_m };
         for _ in 0..3 {
             let forces = StepInput { external_force_n: &forces, targets_m: &targets, dt_s, ..StepInput::default() };
@@ -204,6 +204,10 @@ proptest! {
             let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
             for spring in &springs {
                 let push = body.scratch.push(&body.model, &law, spring, &at);
+                prop_assert!(push.force_n.iter().chain(&push.bent_m).all(|number| number.is_finite()), "{push:?}");
+            }
+            for pair in pairs.iter().enumerate() {
+                let push = body.scratch.press(&body.model, &law, (springs.len() + pair.0, pair.1), &at);
                 prop_assert!(push.force_n.iter().chain(&push.bent_m).all(|number| number.is_finite()), "{push:?}");
             }
         }

@@ -1,7 +1,7 @@
 //! A Main Loop step without its station: the same parts in the same order on the same model, while the scripted hand presses into the wall
 //! and comes out again. Only the carriers differ: own memory instead of the exchange, threads instead of collision workers.
 
-use crate::contacts::{self, Contacts, ToolMotion};
+use crate::contacts::{self, Contacts, Stuck, ToolMotion};
 use crate::through::Passage;
 use crate::tool::Stand;
 use crate::world::{Otherwise, Workshop, World};
@@ -104,6 +104,7 @@ pub struct Press {
     sizes: HashSizes,
     hits: Vec<Hit>,
     memory: Vec<Memory>,
+    stuck: Vec<Stuck>,
     pressure_pa: Vec<f32>,
     points_m: Vec<[f32; 3]>,
     velocities_m_s: Vec<[f32; 3]>,
@@ -162,6 +163,7 @@ impl Press {
             sizes,
             hits: vec![Hit::default(); room],
             memory: vec![Memory::default(); shared.world.points.tool],
+            stuck: vec![Stuck::default(); nodes],
             pressure_pa: vec![0.0; shared.world.wall.len()],
             points_m: vec![[0.0; 3]; points],
             velocities_m_s: vec![[0.0; 3]; nodes],
@@ -275,11 +277,10 @@ impl Press {
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
             orientation: pose.orientation,
         };
-        let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
-        let table = HashRef::in_words(&input.table).map_err(text)?;
-        let dt_s = since_s / self.finer as f32;
+        let (positions_m, velocities_m_s, hits) = (&input.positions_m, &self.velocities_m_s, &self.hits[..found]);
+        let (table, dt_s) = (HashRef::in_words(&input.table).map_err(text)?, since_s / self.finer as f32);
         let passage = Passage { hash: &table, velocities_m_s, dt_s };
-        self.contacts.meet(world, &self.hits[..found], (&tool, &passage), positions_m, &mut self.memory).map_err(text)?;
+        self.contacts.meet(world, hits, (&tool, &passage), positions_m, (&mut self.memory, &self.stuck)).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
         laps.lap();
 
@@ -301,8 +302,9 @@ impl Press {
         laps.lap();
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
+        let sticks = (&mut self.memory[..], &mut self.stuck[..]);
         (self.planes, laps.record.force_n) =
-            self.contacts.planes(world, &table, (&tool, &[], &mut self.memory), &after, &self.scratch).map_err(text)?;
+            self.contacts.planes(world, &table, (&tool, &[]), sticks, &after, &self.scratch).map_err(text)?;
         laps.lap();
         laps.record.told_n = self.planes.force_n(pose.position_m);
         drop(input);

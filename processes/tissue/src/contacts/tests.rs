@@ -40,7 +40,7 @@ fn met(world: &World, [before, now]: [&Pose; 2]) -> Vec<(Vec3, Vec3)> {
         ToolMotion { points_m: &points_m, before: (before, stand), since_s: SINCE_S, way_share: 1.0, tip_m, back, orientation };
     let mut contacts = Contacts::new(world);
     let mut memory = vec![Memory::default(); world.points.tool];
-    contacts.meet(world, &hits[..found.count], (&tool, &passage), rest_m, &mut memory).unwrap();
+    contacts.meet(world, &hits[..found.count], (&tool, &passage), rest_m, (&mut memory, &[])).unwrap();
     let each = contacts.forces.iter().zip(&contacts.springs);
     each.map(|(force, spring)| {
         assert_eq!(force.place_m, points_m[force.point as usize]);

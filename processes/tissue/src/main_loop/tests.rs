@@ -20,6 +20,7 @@ mod remembers;
 mod removed;
 mod rubs;
 mod sheet;
+mod slides;
 mod thrust;
 mod unfit;
 

@@ -27,7 +27,7 @@ pub(crate) struct Ready {
 }
 
 /// What is kept of the spring of a number; weighed anew where there was no room for it. `None` if it cannot be used.
-pub(super) fn known(ready: &[Option<Ready>], number: usize, weigh: impl FnOnce() -> Option<Ready>) -> Option<Ready> {
+pub(crate) fn known(ready: &[Option<Ready>], number: usize, weigh: impl FnOnce() -> Option<Ready>) -> Option<Ready> {
     ready.get(number).copied().unwrap_or_else(weigh)
 }
 
@@ -86,7 +86,7 @@ impl PlaneSpring {
 }
 
 impl PairSpring {
-    pub(super) fn ready(&self, grip: &Grip<'_>) -> Option<Ready> {
+    pub(crate) fn ready(&self, grip: &Grip<'_>) -> Option<Ready> {
         self.usable(grip.load_n_m.len()).then(|| grip.ready(self.stiffness_n_m, &self.loads()))
     }
 }

@@ -1,4 +1,4 @@
-//! Friction of a contact: as a spring that slides, where somebody remembers what sticks, else as a drag.
+//! Friction of a contact: a spring that slides.
 
 use super::{ContactLaw, Ready};
 
@@ -9,14 +9,7 @@ pub(super) struct Rub {
     pub(super) bent_m: [f32; 3],
 }
 
-/// Friction of what is pressed with so much, and slips so fast, as a drag.
-pub(super) fn drag(law: &ContactLaw, ready: &Ready, damped_n: f32, slip: [f32; 3]) -> Rub {
-    let slip_m_s = length(slip);
-    let drag_n_s_m = (law.friction * damped_n / slip_m_s.max(law.slip_m_s)).min(ready.most_n_s_m);
-    Rub { force_n: slip.map(|speed_m_s| -drag_n_s_m * speed_m_s), bent_m: [0.0; 3] }
-}
-
-/// Friction as a spring that slides, damped as the contact is: of a point that sticks `away_m` from where it is.
+/// Friction as a spring that slides, damped as the contact is: of what is pressed with so much, slips so fast, and sticks `away_m` from where it is.
 pub(super) fn stick(
     law: &ContactLaw,
     ready: &Ready,

@@ -6,7 +6,7 @@ mod random;
 use super::*;
 use random::noise;
 
-const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.3, slip_m_s: 0.01, most_n: 5.0 };
+const LAW: ContactLaw = ContactLaw { damping_s: 6e-4, friction: 0.3, most_n: 5.0 };
 /// A contact that no damping which integration forbids holds back.
 const READY: Ready = Ready { stiffness_n_m: 800.0, most_n_s_m: 1e3, is_softened: false };
 
@@ -20,9 +20,9 @@ fn parts(vector: [f32; 3], unit: [f32; 3]) -> (f32, [f32; 3]) {
     (along, [0, 1, 2].map(|axis| vector[axis] - along * unit[axis]))
 }
 
-/// A contact of tissue with tissue.
+/// A contact that is where it sticks.
 fn rubbed(normal: &[f32; 3], depth_m: f32, apart_m_s: [f32; 3]) -> Push {
-    push(&LAW, normal, &READY, (depth_m, apart_m_s), |damped_n, slip| drag(&LAW, &READY, damped_n, slip))
+    push(&LAW, normal, &READY, (depth_m, apart_m_s), [0.0; 3])
 }
 
 /// By hand: 800 N/m, and three tenths of what it is pressed with at most, whichever way and however fast it goes.
@@ -66,14 +66,14 @@ fn a_contact_never_pulls_and_its_friction_is_at_most_its_share_of_the_push_and_a
         assert!((-1e-5..=LAW.most_n + 1e-5).contains(&pushed_n), "{told:?} along {normal:?}");
         assert!(friction_n <= LAW.friction * pushed_n.max(0.0) + 2e-5, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
         assert!(dot(rubbed_n, slip_m_s) <= 1e-5 * slides_m_s, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
-        // Above the slip speed it is all of that.
-        if slides_m_s > LAW.slip_m_s {
+        // Where damping alone would hold it back with more, it is all of that.
+        if READY.stiffness_n_m * LAW.damping_s * slides_m_s > LAW.friction * pushed_n.max(0.0) + 2e-5 {
             assert!((friction_n - LAW.friction * pushed_n).abs() < 2e-5, "{told:?} along {normal:?}, {apart_m_s:?} m/s");
             full += 1;
         }
         gone += usize::from(pushed_n.abs() < 1e-5);
     }
     // Some were left so fast that nothing was left of them.
-    assert!(full > 500 && gone > 10, "{full} and {gone}");
+    assert!(full > 300 && gone > 10, "{full} and {gone}");
     assert_eq!(rubbed(&[0.0, 0.0, 1.0], 0.0, [0.1, 0.0, -3.0]), Push::default(), "what is not touched");
 }

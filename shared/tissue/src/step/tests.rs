@@ -83,6 +83,7 @@ impl Held {
             weights,
             normal: [0.6, 0.0, 0.8],
             depth_m: 0.009,
+            sticks_at_m: [0.002, -0.001, 0.004],
             stiffness_n_m: 50.0,
         };
         let hold = |tet: usize| Hold {
@@ -110,7 +111,7 @@ fn stepped(model: &Model, scratch: &mut Scratch, change: impl Fn(&mut Scratch)) 
     for _ in 0..STEPS {
         let (mut next_m, mut next_m_s) = (position_m.clone(), velocity_m_s.clone());
         change(scratch);
-        let law = ContactLaw { damping_s: 6e-4, friction: 0.05, slip_m_s: 0.01, most_n: 5.0 };
+        let law = ContactLaw { damping_s: 6e-4, friction: 0.05, most_n: 5.0 };
         let Held { springs, pairs, holds, attachments } = &held;
         let input = StepInput { springs, pairs, holds, attachments, law, ..StepInput::default() };
         let now = StateRef { position_m: &position_m, velocity_m_s: &velocity_m_s };

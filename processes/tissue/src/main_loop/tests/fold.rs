@@ -27,8 +27,9 @@ fn faces_m() -> [f32; 2] {
     [LOW_M[2] + EDGE_M, LOW_M[2] + (1 + GAP) as f32 * EDGE_M]
 }
 
-/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, and how many pairs met; `blind`: no fold meets another.
-fn pressed(name: &str, blind: bool) -> (f32, usize) {
+/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, how many pairs met, and how many nodes stick to a leaf then; `blind`: no fold
+/// meets another.
+fn pressed(name: &str, blind: bool) -> (f32, usize, usize) {
     let cells = [10, 5, 2 + GAP];
     let lattice = Lattice { cells, edge_m: [EDGE_M; 3], low_m: LOW_M };
     let is_there = |[x, _, z]: [usize; 3]| x == 0 || z == 0 || z == 1 + GAP;
@@ -53,7 +54,8 @@ fn pressed(name: &str, blind: bool) -> (f32, usize) {
             are_found_in_shares(&main, positions(&before), &known);
         }
     }
-    (deepest_m(&main.world, positions(&now)), pairs)
+    let sticks = super::slides::stuck(&now).iter().filter(|stuck| stuck.bent_m != [0.0; 3]).count();
+    (deepest_m(&main.world, positions(&now)), pairs, sticks)
 }
 
 /// No object meets itself from now on.
@@ -128,11 +130,12 @@ fn is_before_m(place: [f32; 3]) -> bool {
 
 #[test]
 fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
-    let [(blind_m, none), (seeing_m, pairs)] =
+    let [(blind_m, none, unstuck), (seeing_m, pairs, sticks)] =
         [true, false].map(|blind| pressed(if blind { "blind-fold" } else { "fold" }, blind));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs");
+    assert!(unstuck == 0 && sticks > 0, "{unstuck} nodes stick to what they do not meet, {sticks} to what they do");
 }
 
 /// Ticks of the hand: it has pressed the wall in by millimetres by then.

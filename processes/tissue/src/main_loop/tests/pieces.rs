@@ -14,7 +14,7 @@ const FLOW_M_S: f32 = 0.02;
 const OFF_M: f32 = 0.004;
 
 /// The state after some ticks, in which the tool is away and the medium flows with a velocity at one piece.
-fn flow(
+pub(super) fn flow(
     main: &mut MainLoop<'_>,
     device: &OwnedPage,
     mut now: Vec<u64>,
@@ -53,7 +53,7 @@ pub(super) fn sunk(main: &MainLoop<'_>, now: &[u64], object: u32) -> (f32, Vec3)
 }
 
 /// Mean velocity of an object's nodes, m/s.
-fn velocity_m_s(main: &MainLoop<'_>, now: &[u64], object: u32) -> Vec3 {
+pub(super) fn velocity_m_s(main: &MainLoop<'_>, now: &[u64], object: u32) -> Vec3 {
     let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
     let velocities: &[[f32; 3]] = message.section(2).unwrap();
     let owner = main.world.body.owners();
