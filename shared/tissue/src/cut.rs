@@ -22,6 +22,7 @@ mod momentum;
 mod neighbourhood;
 mod places;
 mod refine;
+mod rim;
 mod separate;
 mod sheet;
 mod skin;
@@ -32,6 +33,7 @@ use burn::burn;
 use hyst_mesh::{TetMesh, are_below, are_finite, signed_volume};
 use places::corners;
 use refine::Work;
+use rim::OnSheet;
 use sheet::Sheet;
 
 pub use loose::{BoundSkin, Cut, LooseSkin};
@@ -346,9 +348,11 @@ pub fn cut_and_bind<S>(
         let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
         let opened = work.open(&mut report);
-        let changed = changed(&before_m, &before, work.touched, &tissue.rest);
+        let Work { touched, on_sheet, .. } = work;
+        let changed = changed(&before_m, &before, touched, &tissue.rest);
         tissue.note_changed(&changed);
-        bound = Some(bind(LooseSkin::of(skin, changed, opened, options), &tissue.rest));
+        let on_sheet = OnSheet::of(on_sheet, &tissue.marks);
+        bound = Some(bind(LooseSkin::of(skin, changed, opened, on_sheet, options), &tissue.rest));
     }
     let number = if report.has_changed_mesh() { burn(tissue, options, &mut report) } else { None };
     tissue.seat_wire(&motion);

@@ -3,6 +3,7 @@
 //!
 //! Promise (`tests/skin`): it is the same, whoever binds it, and when.
 
+use super::rim::OnSheet;
 use super::skin::Skin;
 use super::{CutOptions, CutReport, Cuttable};
 use hyst_mesh::TetMesh;
@@ -15,12 +16,14 @@ pub struct LooseSkin {
     changed: Vec<u32>,
     /// The two tets of each face that is open now.
     opened: Vec<[u32; 2]>,
+    /// What of the mesh the stroke has come through so far.
+    passed: OnSheet,
     options: CutOptions,
 }
 
 impl LooseSkin {
-    pub(super) fn of(skin: Skin, changed: Vec<u32>, opened: Vec<[u32; 2]>, options: &CutOptions) -> LooseSkin {
-        LooseSkin { skin, changed, opened, options: *options }
+    pub(super) fn of(skin: Skin, changed: Vec<u32>, opened: Vec<[u32; 2]>, passed: OnSheet, options: &CutOptions) -> LooseSkin {
+        LooseSkin { skin, changed, opened, passed, options: *options }
     }
 
     /// Whether no tet is another one than before: then there is nothing to do.
@@ -30,8 +33,8 @@ impl LooseSkin {
 
     /// Binds it to the mesh at rest that it was given out with, and lays the wound open.
     pub fn bound(self, rest: &TetMesh) -> BoundSkin {
-        let LooseSkin { mut skin, changed, opened, options } = self;
-        let mut out_of_room = skin.bind_again(rest, &changed, &options);
+        let LooseSkin { mut skin, changed, opened, passed, options } = self;
+        let mut out_of_room = skin.bind_again(rest, &changed, &passed, &options);
         out_of_room += skin.add_wound(rest, &opened, &options);
         BoundSkin { skin, out_of_room, options }
     }

@@ -114,10 +114,20 @@ impl<'a> Neighbourhood<'a> {
         all[*place as usize].depth_m(point)
     }
 
+    /// By how much depths in a tet may be wrong.
+    fn hair_m(&self, index: u32) -> f64 {
+        HAIR * self.bounds[index as usize].extent_m()
+    }
+
     /// Whether a point that is so deep in a tet is around it beyond doubt.
     fn is_around(&self, index: u32, depth_m: f64) -> bool {
         // Most are less than 0 deep, and no box has an extent of less.
-        depth_m > 0.0 && depth_m > HAIR * self.bounds[index as usize].extent_m()
+        depth_m > 0.0 && depth_m > self.hair_m(index)
+    }
+
+    /// Whether a point is deeper in a tet than in another one beyond doubt: on the rim of a wound it is as deep in those of both sides.
+    fn is_deeper(&self, index: u32, depth_m: f64, other_m: f64) -> bool {
+        depth_m > other_m && depth_m > other_m + self.hair_m(index)
     }
 
     /// The tet of these that is around a point that is asked about, or the one near it that it is least outside of.
@@ -134,7 +144,7 @@ impl<'a> Neighbourhood<'a> {
         near.or_else(|| self.nearest(point, (0..self.tets.len() as u32).filter(these)))
     }
 
-    /// The first tet that is around a point, or the one that it is least outside of; the first of equals.
+    /// The first tet that is around a point, or the one that it is least outside of; the first of those that are equal but for rounding.
     fn nearest(&self, point: DVec3, among: impl Iterator<Item = u32>) -> Option<u32> {
         let mut best = Nearest::default();
         for index in among {
@@ -238,7 +248,7 @@ impl Nearest {
             return;
         }
         self.is_around = place.is_around(index, depth_m);
-        if self.is_around || self.index.is_none() || depth_m > self.depth_m {
+        if self.is_around || self.index.is_none() || place.is_deeper(index, depth_m, self.depth_m) {
             (self.index, self.depth_m) = (Some(index), depth_m);
         }
     }
@@ -343,7 +353,8 @@ pub mod tests {
                 for (number, part) in expected.iter().enumerate() {
                     let around = part.iter().copied().find(|index| near.is_around(*index, near.depth_m(*index, point)));
                     let depth_m = |index: u32| near.depth_m(index, point);
-                    let deeper = |best: u32, other: u32| if depth_m(other) > depth_m(best) { other } else { best };
+                    let is_deeper = |other: u32, best: u32| near.is_deeper(other, depth_m(other), depth_m(best));
+                    let deeper = |best: u32, other: u32| if is_deeper(other, best) { other } else { best };
                     let nearest = around.or_else(|| part.iter().copied().reduce(deeper));
                     prop_assert_eq!(Some(near.nearest_of(number)), nearest);
                     prop_assert!(homes.iter().all(|home| (near.part_of(*home) == number) == part.contains(home)));

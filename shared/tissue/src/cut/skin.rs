@@ -1,6 +1,6 @@
 //! The surface for the eye is cut with the volume: its triangles are divided where the sheet goes through them, each is then taken along by the tet
-//! that it lies at, and two triangles come apart where no way leads through tets from one to the other. The faces of the wound become
-//! triangles of their own.
+//! that it lies at, and two triangles come apart where no way leads through tets from one to the other: there they end at the rim of the wound. The faces
+//! of the wound become triangles of their own.
 //!
 //! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
 //! was; without room nothing is divided, and the wound stays bare.
@@ -8,6 +8,7 @@
 use super::cells::Cells;
 use super::neighbourhood::Neighbourhood;
 use super::places::{Sides, SingleBounds, Spot, at, barycentric, corners, edge_of_number, number_of_edge, to_single};
+use super::rim::{OnSheet, Torn};
 use super::sheet::Sheet;
 use super::{CutOptions, Cuttable};
 use glam::DVec3;
@@ -53,7 +54,7 @@ impl Skin {
             && are_finite(self.rest_m.as_flattened())
     }
 
-    fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
+    pub(super) fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
         self.rest_m.push(rest_m);
         self.bindings.push(binding);
         self.raw.push(raw);
@@ -107,9 +108,9 @@ impl Skin {
         out_of_room
     }
 
-    /// Binds anew what lies at the tets of its own object that have changed, and lets come apart what no way through tets joins. Tells how many vertices found
-    /// no room.
-    pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], options: &CutOptions) -> usize {
+    /// Binds anew what lies at the tets of its own object that have changed, lets come apart what no way through tets joins, and draws that to the rim of the
+    /// stroke's wound. Tells how many vertices found no room.
+    pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], on_sheet: &OnSheet, options: &CutOptions) -> usize {
         let around = |tet: &u32| SingleBounds::of_tet(&rest.positions_m, rest.tets[*tet as usize]);
         let boxes: Vec<SingleBounds> = changed.iter().map(around).collect();
         let box_of_change = boxes.iter().copied().reduce(SingleBounds::with);
@@ -139,12 +140,18 @@ impl Skin {
         let hosted: Vec<Hosted> = unders.iter().filter_map(|under| self.host(&place, under)).collect();
         // Each loose vertex with its triangles, in their order.
         let (at_vertices, ends) = self.hosted_at(&loose, &hosted);
-        let (mut first, mut out_of_room) = (0, 0);
+        let (mut first, mut out_of_room, mut torn) = (0, 0, Vec::new());
         for (vertex, end) in (0..).zip(ends) {
-            out_of_room += self.part(&mut place, &hosted, (vertex, &at_vertices[first..end]), options);
+            let (own, known) = (&at_vertices[first..end], self.rest_m.len() as u32);
+            out_of_room += self.part(&mut place, &hosted, (vertex, own), options);
+            let copies = known..self.rest_m.len() as u32;
+            if !copies.is_empty() {
+                let triangles = own.iter().map(|index| hosted[*index as usize]).collect();
+                torn.push(Torn { vertex, copies, triangles });
+            }
             first = end;
         }
-        out_of_room
+        out_of_room + self.draw_to_rim(&mut place, &torn, on_sheet, options)
     }
 
     /// The triangles at each of some vertices, by their places among those that are hosted and in their order; and where those of each vertex end. Sorted by
@@ -201,11 +208,9 @@ impl Skin {
         }
         let triangles = || own.iter().map(|index| &hosted[*index as usize]);
         let point = at(&self.rest_m, vertex);
-        // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
-        let outside_m = triangles().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
-        let radius_m = outside_m + triangles().map(|one| one.middle.distance_squared(point)).fold(0.0, f64::max).sqrt();
+        let around_m = radius_m(place, triangles(), point);
         let mut out_of_room = 0;
-        for number in 0..place.parts_around(point, radius_m, triangles().map(|one| one.home)) {
+        for number in 0..place.parts_around(point, around_m, triangles().map(|one| one.home)) {
             let binding = bound(place, place.nearest_of(number), point);
             if number == 0 {
                 self.bindings[vertex as usize] = binding;
@@ -310,7 +315,7 @@ impl Skin {
 }
 
 /// The parts of a triangle whose edges have these middles, which are sorted by them.
-fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut([u32; 3])) {
+pub fn divided(triangle: [u32; 3], middles: &[([u32; 2], u32)], mut take: impl FnMut([u32; 3])) {
     let [a, b, c] = triangle;
     let middle = |from: u32, to: u32| {
         let place = middles.binary_search_by_key(&[from.min(to), from.max(to)], |(edge, _)| *edge);
@@ -334,8 +339,19 @@ fn weights(rest: &TetMesh, tet: u32, point: DVec3) -> [f32; 4] {
     if all.iter().all(|weight| weight.is_finite()) { all } else { [0.25; 4] }
 }
 
+/// How far a point lies outside of the tets that some triangles lie at: of that of which it is farthest outside, m.
+pub fn outside_m<'h>(place: &Neighbourhood<'_>, triangles: impl Iterator<Item = &'h Hosted>, point: DVec3) -> f64 {
+    triangles.map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max)
+}
+
+/// How far around a point ways are looked for from tet to tet, m: no farther than to the middles of its triangles, and what it lies outside of their tets.
+pub fn radius_m<'h>(place: &Neighbourhood<'_>, triangles: impl Iterator<Item = &'h Hosted> + Clone, point: DVec3) -> f64 {
+    let middles_m2 = triangles.clone().map(|one| one.middle.distance_squared(point));
+    outside_m(place, triangles, point) + middles_m2.fold(0.0, f64::max).sqrt()
+}
+
 /// A point bound to a tet of a neighbourhood.
-fn bound(place: &Neighbourhood<'_>, index: u32, point: DVec3) -> Binding {
+pub fn bound(place: &Neighbourhood<'_>, index: u32, point: DVec3) -> Binding {
     let tet = place.tets[index as usize];
     Binding { tet, weights: weights(place.rest, tet, point) }
 }
@@ -355,8 +371,8 @@ struct Under {
 
 /// A triangle with the tet that it lies at, by its index in the neighbourhood, and its middle at rest.
 #[derive(Clone, Copy)]
-struct Hosted {
-    triangle: u32,
-    home: u32,
-    middle: DVec3,
+pub struct Hosted {
+    pub triangle: u32,
+    pub home: u32,
+    pub middle: DVec3,
 }
