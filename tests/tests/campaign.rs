@@ -119,7 +119,8 @@ fn a_campaign_goes_on_in_batches_and_its_verdict_can_fail() {
     assert_eq!(folder.read("out/kills.toml"), CAMPAIGN, "by which anybody can judge them");
     let before = [folder.read("out/results.jsonl"), folder.read("out/stations.jsonl"), folder.read("out/report.json")];
     let (code, compared, said) = run(hystation().args(["fault", "compare", &out, &out]));
-    let said_of_both = ["both are of one file, seed, build, machine and day", "nothing can be told: no difference is beyond doubt"];
+    let said_of_both =
+        ["both are of one file, seed, build, machine and day", "nothing can be told: no difference is beyond doubt"];
     assert!(code == Some(0) && said_of_both.iter().all(|words| compared.contains(words)), "{code:?} {compared}{said}");
     let after = [folder.read("out/results.jsonl"), folder.read("out/stations.jsonl"), folder.read("out/report.json")];
     assert_eq!(after, before, "who compares changes nothing");

@@ -326,12 +326,8 @@ mod tests {
     #[test]
     fn a_vertex_comes_to_the_nearest_point_of_the_rim_and_none_from_afar_or_from_within_the_wound() {
         let rim = bent();
-        let wish = |[x, y, z]: [f64; 3], region: u32, is_raw: bool| Wish {
-            point: DVec3::new(x, y, z),
-            region,
-            is_raw,
-            reach_m: 0.3,
-        };
+        let wish =
+            |[x, y, z]: [f64; 3], region: u32, is_raw: bool| Wish { point: DVec3::new(x, y, z), region, is_raw, reach_m: 0.3 };
         for (wish, expected) in [
             (wish([0.5, 0.1, 0.0], 0, false), Some(DVec3::new(0.5, 0.0, 0.0))),
             (wish([1.2, 0.25, 0.0], 0, true), Some(DVec3::new(1.0, 0.25, 0.0))),

@@ -111,7 +111,8 @@ fn told(comparison: &Comparison) -> String {
         [said("worse", &comparison.worse), said("better", &comparison.better)].into_iter().flatten().collect();
     match () {
         () if comparison.exit_code == 3 => {
-            "nothing can be compared: no pool and no cell is of the same faults in both, and has some with a verdict in both".into()
+            "nothing can be compared: no pool and no cell is of the same faults in both, and has some with a verdict in both"
+                .into()
         }
         () if lines.is_empty() => "nothing can be told: no difference is beyond doubt".into(),
         () => lines.join(". "),
