@@ -93,12 +93,14 @@ fn what_is_not_read_here_names_the_cure() {
     let mut appended = vtu("", "format=\"appended\" offset=\"0\">").into_bytes();
     appended.extend_from_slice(b"<AppendedData encoding=\"raw\">_\x00\xff\xfe<</AppendedData></VTKFile>");
     let compressed = vtu("compressor=\"vtkZLibDataCompressor\"", "format=\"binary\">AAAA") + "</VTKFile>";
-    let cases: [(&str, &[u8], &str); 7] = [
+    let cases: [(&str, &[u8], &str); 9] = [
         ("a.vtu", &appended, "Ascii"),
         ("a.vtu", compressed.as_bytes(), "Ascii"),
         ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBASE64\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
         ("a.msh", b"$MeshFormat\n4 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
         ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
+        ("a.mesh", b"\x01\x00\x00\x00\x02\x00\x00\x00\x03\x00\x00\x00\x14\x00\x00\x00", "ASCII .mesh"),
+        ("a.meshb", b"\x00\x00\x00\x01\x00\x00\x00\x04\x00\x00\x00\x03", "ASCII .mesh"),
         ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),
         ("a.obj", b"v 0 0 0\nf 1 1 1\n", "volume mesh"),
     ];
@@ -107,6 +109,9 @@ fn what_is_not_read_here_names_the_cure() {
         assert!(error.cure.contains(cure), "{name}: {error}");
         assert!(matches!(error.kind, Kind::Unsupported | Kind::Empty), "{name}: {error}");
     }
+    // Of a version that there is none of it is no file of Medit's.
+    let version_5 = error("a.meshb", b"\x01\x00\x00\x00\x05\x00\x00\x00");
+    assert_eq!(version_5.kind, Kind::UnknownFormat, "{version_5}");
     let unknown = error("a.stl", b"solid a\nfacet normal 0 0 1\n");
     assert!(unknown.kind == Kind::UnknownFormat && unknown.cure.contains("meshio"), "{unknown}");
     assert_eq!(error("a.msh", b" \n").kind, Kind::Truncated);
