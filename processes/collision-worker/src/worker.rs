@@ -7,6 +7,7 @@
 
 use hyst_contact::{
     Cull, Found, HITS_OF_A_POINT, HashRef, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue, intersect,
+    room_of_share,
 };
 use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Helper, Helpers, Lies, Life, realtime};
@@ -92,7 +93,7 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
         sources: Default::default(),
         followed: None,
         cull: Cull::remembering(USUAL_NODES, USUAL_TETS, USUAL_NODES),
-        hits: vec![Hit::default(); MOST_HITS_OF_SHARE],
+        hits: vec![Hit::default(); room_of_share(MOST_HITS_OF_SHARE)],
         tells,
         lies: Lies::new(life, bytes),
     };
@@ -181,9 +182,10 @@ fn job_of(bytes: &[u8]) -> Option<Job<'_>> {
     is_whole.then_some(Job { header: *message.header(), points_m, hash, owner, node, own: [only_from, beyond] })
 }
 
-/// How many hits are told of those that were found of so many points: all, or none where not all were kept, or the coordinator has no room for them.
+/// How many hits are told of those that were found of so many points: all, or none where not all were kept, or an answer or the coordinator has no room for
+/// them.
 fn told(found: Found, points: usize) -> Result<usize, Nothing> {
-    let is_all = found.dropped == 0 && found.count <= HITS_OF_A_POINT * points;
+    let is_all = found.dropped == 0 && found.count <= MOST_HITS_OF_SHARE.min(HITS_OF_A_POINT * points);
     if is_all { Ok(found.count) } else { Err(Nothing::TooMany) }
 }
 
@@ -347,6 +349,9 @@ mod tests {
         let told = |count, dropped| told(Found { count, dropped }, 100);
         assert_eq!([told(0, 0), told(200, 0)], [Ok(0), Ok(200)]);
         assert_eq!([told(201, 0), told(MOST_HITS_OF_SHARE, 1), told(10, 1)], [Err(Nothing::TooMany); 3]);
+        let of_many = |count| super::told(Found { count, dropped: 0 }, MOST_HITS_OF_SHARE);
+        let [most, more] = [MOST_HITS_OF_SHARE, MOST_HITS_OF_SHARE + 1].map(of_many);
+        assert_eq!((most, more), (Ok(MOST_HITS_OF_SHARE), Err(Nothing::TooMany)));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::points::ContactPoints;
 use crate::world::World;
 use hyst_contact::{
     Cull, Found, HashMut, HashRef, HashSizes, Hit, Layout, MOST_HITS_OF_SHARE, Points, Share, Split, Tissue, are_true,
-    has_all_of, intersect, merge,
+    has_all_of, intersect, merge, room_of_share,
 };
 use hyst_engine::{Failure, Lies, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
@@ -126,7 +126,7 @@ impl Collision {
         let room = contacts::max_hits(world);
         self.sizes = world.points.table_sizes();
         self.own_hash.resize(self.sizes.words(), 0);
-        self.shares.iter_mut().for_each(|share| share.resize(room, Hit::default()));
+        self.shares.iter_mut().for_each(|share| share.resize(room_of_share(room), Hit::default()));
         self.counts.fill(0);
         self.hits.resize(room, Hit::default());
         self.part.resize(room, Hit::default());
@@ -308,7 +308,7 @@ impl Collision {
             let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
             let (cull, hits) = (self.culls[index].of(version), &mut self.shares[index]);
             let found = intersect(share, &hash, points, tissue, cull, hits).map_err(broken)?;
-            if said_full & (1 << index) != 0 && !is_full(&found) {
+            if said_full & (1 << index) != 0 && !is_full(&found, self.hits.len()) {
                 life.page.add64(header::INVALID, 1);
                 life.distrust(self.coordinator.incarnation_at(index), Distrust::Invalid);
             }
@@ -330,9 +330,9 @@ impl Collision {
     }
 }
 
-/// Whether a share has more hits than a worker tells.
-fn is_full(found: &Found) -> bool {
-    found.dropped > 0 || found.count > MOST_HITS_OF_SHARE
+/// Whether a share has more hits than a worker tells where there is room for so many in all.
+fn is_full(found: &Found, room: usize) -> bool {
+    found.dropped > 0 || found.count > MOST_HITS_OF_SHARE.min(room)
 }
 
 /// Which share a part is computed of beside its worker in this step, and the part's number in it.
@@ -366,7 +366,9 @@ mod tests {
 
     #[test]
     fn a_share_is_full_where_a_worker_has_no_room_for_its_hits() {
-        let is = |count: usize, dropped: usize| is_full(&Found { count, dropped });
+        let is = |count: usize, dropped: usize| is_full(&Found { count, dropped }, 2 * MOST_HITS_OF_SHARE);
         assert_eq!([is(0, 0), is(MOST_HITS_OF_SHARE, 0), is(MOST_HITS_OF_SHARE + 1, 0), is(10, 1)], [false, false, true, true]);
+        // The share itself has more room than that, and the worker tells no more than there is for all.
+        assert_eq!([200, 201].map(|count| is_full(&Found { count, dropped: 0 }, 200)), [false, true]);
     }
 }

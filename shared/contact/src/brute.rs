@@ -1,7 +1,7 @@
 //! Every point against every tet: the oracle of the hashed test and the floor of the benchmark.
 
 use crate::ContactError;
-use crate::intersect::Sink;
+use crate::sink::Sink;
 use crate::tet::TetTest;
 use crate::types::{Found, Hit, Points, Tissue};
 

@@ -1,7 +1,7 @@
 //! The intersection test of one share (Teschner et al. 2003): the points are hashed, the tets are streamed past them.
 //!
 //! Promise: the hits are those of [`crate::intersect_brute`] to the last bit, and joining the shares of any number of workers
-//! by [`merge`] gives the same list. The list is sorted by point, then tet. A point in several tets of one object (a common
+//! by [`crate::merge`] gives the same list. The list is sorted by point, then tet. A point in several tets of one object (a common
 //! face) has one deciding tet, the lowest; a point in tets of several objects has one hit for each object.
 
 use crate::ContactError;
@@ -10,6 +10,7 @@ use crate::hash::LANES;
 use crate::hash_read::HashRef;
 use crate::lanes::{Boxes, Corners, TETS, Tests};
 use crate::outcodes::{Outcodes, around};
+use crate::sink::Sink;
 use crate::types::{Found, Hit, Points, Share, Tissue};
 
 /// Tests one share: of the hashed points against all tets, or of the tets against all points.
@@ -17,7 +18,7 @@ use crate::types::{Found, Hit, Points, Share, Tissue};
 /// What `cull` remembers of the step before ([`Cull::of`]) spares a search through all tets, and changes no hit.
 ///
 /// Writes the hits to the front of `out`; [`Found::dropped`] counts those that did not fit (size `out` at two per point of the
-/// share and object). With hits dropped the list is incomplete but each entry is true.
+/// share and object, by [`crate::room_of_share`]). With hits dropped the list is its beginning, at least as far as that room is meant for.
 ///
 /// # Errors
 /// [`ContactError::Share`] or [`ContactError::Length`]; then nothing is written.
@@ -37,80 +38,6 @@ pub fn intersect(
     let query = Query { hash, points, tissue, from, to, bundles };
     pulp::Arch::new().dispatch(Stream { query, cull, sink: &mut sink });
     Ok(sink.finish())
-}
-
-/// Joins the hits of the shares into one list: that of a single worker.
-///
-/// Room for the sum of the parts is enough; what does not fit is counted as dropped.
-pub fn merge(parts: &[&[Hit]], tissue: &Tissue<'_>, out: &mut [Hit]) -> Found {
-    let mut sink = Sink::new(tissue, out);
-    for hit in parts.iter().flat_map(|part| part.iter()) {
-        sink.push(*hit);
-    }
-    sink.finish()
-}
-
-fn sort(hits: &mut [Hit]) {
-    hits.sort_unstable_by_key(|h| (u64::from(h.point) << 32) | u64::from(h.tet));
-}
-
-/// The output and how far it is filled.
-pub(crate) struct Sink<'a> {
-    tissue: &'a Tissue<'a>,
-    out: &'a mut [Hit],
-    count: usize,
-    dropped: usize,
-    /// Compacting no longer gains room.
-    crammed: bool,
-}
-
-impl<'a> Sink<'a> {
-    pub fn new(tissue: &'a Tissue<'a>, out: &'a mut [Hit]) -> Sink<'a> {
-        Sink { tissue, out, count: 0, dropped: 0, crammed: false }
-    }
-
-    #[inline(always)]
-    pub fn push(&mut self, hit: Hit) {
-        if self.count == self.out.len() && !self.make_room() {
-            self.dropped = self.dropped.wrapping_add(1);
-            return;
-        }
-        self.out[self.count] = hit;
-        self.count = self.count.wrapping_add(1);
-    }
-
-    /// In scrambled tissue a point lies in many tets: drops all but the deciding ones. Gives up once that gains little, so
-    /// that the whole costs a bounded number of sorts.
-    #[cold]
-    fn make_room(&mut self) -> bool {
-        if !self.crammed {
-            self.compact();
-            self.crammed = self.count > self.out.len() / 8 * 7;
-        }
-        self.count < self.out.len()
-    }
-
-    /// Sorts, and keeps for each point the lowest tet of each object.
-    fn compact(&mut self) {
-        sort(&mut self.out[..self.count]);
-        let mut kept = 0;
-        for i in 0..self.count {
-            let hit = self.out[i];
-            let owner = self.tissue.owner(hit.tet);
-            let mut before = self.out[..kept].iter().rev().take_while(|h| h.point == hit.point);
-            if before.all(|h| self.tissue.owner(h.tet) != owner) {
-                self.out[kept] = hit;
-                kept += 1;
-            }
-        }
-        self.count = kept;
-    }
-
-    /// Leaves the hits sorted, each point with the lowest tet of each object.
-    pub fn finish(mut self) -> Found {
-        self.compact();
-        Found { count: self.count, dropped: self.dropped }
-    }
 }
 
 /// The whole of the test, to be compiled for each instruction set. A struct and no closure: a closure that borrows mutably is

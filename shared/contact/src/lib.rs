@@ -1,6 +1,6 @@
 //! Contact: which points lie in which tetrahedron, how deep, which way out, and what the hand feels of it.
 //!
-//! Promises: same input, same bits, whatever the number of workers and whatever the instruction set; no panic and no NaN in
+//! Promises: same input, same bits, whatever the number of workers, also where hits find no room, and whatever the instruction set; no panic and no NaN in
 //! any result, whatever the input; nothing is allocated in a step (the buffers of a step are the caller's, or sized once).
 //! Frame: metres, the station's frame. Every step is a pure function of its arguments.
 //!
@@ -32,6 +32,7 @@ mod penetrate;
 mod penetrate_data;
 mod planes;
 mod shallow;
+mod sink;
 mod sweep;
 mod tet;
 mod topology;
@@ -46,12 +47,13 @@ pub use force::ContactForce;
 pub use graph::PointGraph;
 pub use hash::{HashMut, HashSizes, LANES, Layout};
 pub use hash_read::HashRef;
-pub use intersect::{intersect, merge};
+pub use intersect::intersect;
 pub use near::{Gap, find_gaps};
 pub use penetrate::{Workspace, penetration};
 pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source};
 pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
 pub use shallow::own_face;
+pub use sink::{merge, room_of_share};
 pub use sweep::{Crossing, Sense, SweepInput, first_crossing, sweep, triangles_in_box};
 pub use tet::TetTest;
 pub use topology::{NONE, Topology, TopologyMaker};

@@ -2,6 +2,7 @@
 
 use crate::boundary::{Sets, boundary, component_count, component_of_each_tet, sorted_faces};
 use crate::geometry::{Unit, corners, count, guess_unit, quality, signed_volume};
+use crate::merge::duplicate_tets;
 use crate::types::TetMesh;
 use std::fmt;
 
@@ -37,7 +38,7 @@ pub struct Report {
     pub flat: Vec<u32>,
     /// The tet of the lowest quality, and that quality (0 to 1).
     pub worst: Option<(u32, f64)>,
-    /// Tets with the same four nodes as an earlier one.
+    /// Tets with their four nodes at the same places as an earlier one: the same nodes, or nodes of their own.
     pub duplicate: Vec<u32>,
     /// Nodes that no tet uses.
     pub unused_nodes: Vec<u32>,
@@ -89,7 +90,7 @@ pub fn check(mesh: &TetMesh) -> Report {
         inverted: indices_where(&|tet| sound(tet) && volume(tet) < 0.0),
         flat: indices_where(&|tet| sound(tet) && worth(tet) < FLAT_QUALITY),
         worst,
-        duplicate: duplicate_tets(&mesh.tets),
+        duplicate: duplicate_tets(&mesh.positions_m, &mesh.tets),
         unused_nodes: unused_nodes(nodes, &mesh.tets),
         components: component_count(&component_of_each_tet(&shape)),
         boundary_triangles: edges.triangles,
@@ -116,17 +117,6 @@ fn bounding_box(positions_m: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
         }
         (min, max)
     })
-}
-
-/// Tets with the same nodes, in any order, as one before them.
-pub(crate) fn duplicate_tets(tets: &[[u32; 4]]) -> Vec<u32> {
-    let mut keys: Vec<([u32; 4], u32)> = tets.iter().copied().zip(0..).collect();
-    keys.iter_mut().for_each(|(key, _)| key.sort_unstable());
-    keys.sort_unstable();
-    let repeats = |same: &[([u32; 4], u32)]| same[1..].iter().map(|&(_, tet)| tet).collect::<Vec<_>>();
-    let mut duplicates: Vec<u32> = keys.chunk_by(|left, right| left.0 == right.0).flat_map(repeats).collect();
-    duplicates.sort_unstable();
-    duplicates
 }
 
 /// Nodes that no tet uses.

@@ -32,7 +32,7 @@ pub enum ReadErrorKind {
     Unsupported,
     /// The file ends before what it announced.
     Truncated,
-    /// Something other than a number where a number belongs, or one out of its range.
+    /// Something other than a number where a number belongs, one out of its range, or one that would be the same as another.
     BadNumber,
     /// A coordinate that is NaN, infinite, or too large for single precision.
     NotFinite,

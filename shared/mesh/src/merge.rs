@@ -1,11 +1,12 @@
 //! Parts that touch without common nodes, as the pieces of a `.vtu`, or volumes that Gmsh has meshed one by one: where a boundary face of one lies on one of
-//! the other, the nodes there become one, and the two faces one within the tissue.
+//! the other, the nodes there become one, and the two faces one within the tissue. And tets that are there twice, as in a file to which a part was exported
+//! again with nodes of its own.
 //!
 //! Promise: parts that meet in a point, along an edge, or with faces of another form stay apart, and so do those that lie in each other; faces of one part that
 //! lie on each other, as the two sides of a slit, stay two. The same mesh gives the same nodes.
 
 use crate::boundary::{Sets, component_count, components, sorted_faces};
-use crate::geometry::{corners, edges, signed_volume};
+use crate::geometry::{corners, edges, is_without_volume, signed_volume};
 
 /// Nodes whose coordinates are the same in this share of the shortest edge are at one place. Pieces of one file have their common places to the bit, but
 /// that some programs write 1e-17 for a zero; and no tet has two nodes at one place, whatever else is in the file.
@@ -37,7 +38,28 @@ pub(crate) fn merged(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> (Vec<u32>, 
     ((0..positions_m.len() as u32).map(|node| sets.root(node)).collect(), joined)
 }
 
-/// The place of each node, by the first node that is there.
+/// Tets with their nodes at the places of those of one before them, in any order. Tets that fill nothing are told apart by the nodes that they name, for two
+/// that are small enough lie at one place whatever they are.
+pub(crate) fn duplicate_tets(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
+    let is_somewhere = |node: &u32| positions_m.get(*node as usize).is_some_and(|place_m| place_m.iter().all(|c| c.is_finite()));
+    let is_solid = |tet: &[u32; 4]| tet.iter().all(is_somewhere) && !is_without_volume(corners(positions_m, *tet));
+    let solid: Vec<[u32; 4]> = tets.iter().copied().filter(is_solid).collect();
+    let place_of = places(positions_m, &solid);
+    let key_of = |tet: &[u32; 4]| {
+        let is_solid = is_solid(tet);
+        let mut key = if is_solid { tet.map(|node| place_of[node as usize]) } else { *tet };
+        key.sort_unstable();
+        (is_solid, key)
+    };
+    let mut keys: Vec<((bool, [u32; 4]), u32)> = tets.iter().map(key_of).zip(0..).collect();
+    keys.sort_unstable();
+    let same_tets = keys.chunk_by(|left, right| left.0 == right.0);
+    let mut duplicates: Vec<u32> = same_tets.flat_map(|same| same[1..].iter().map(|(_, tet)| *tet)).collect();
+    duplicates.sort_unstable();
+    duplicates
+}
+
+/// The place of each node, by the first node that is there. Each of the tets has a volume; without any all nodes are at one place.
 fn places(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
     let lengths_m = tets.iter().flat_map(|tet| edges(corners(positions_m, *tet))).map(|edge| edge.length());
     let step_m = SAME_PLACE * lengths_m.fold(f64::INFINITY, f64::min);

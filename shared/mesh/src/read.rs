@@ -114,7 +114,7 @@ fn extension(name: &str) -> String {
 /// Which format a file is in. What the content says goes before what the name says.
 ///
 /// # Errors
-/// The file is empty, packed, or of no format that is read here.
+/// The file is empty, packed, Medit's in binary, or of no format that is read here.
 pub fn detect(name: &str, bytes: &[u8]) -> Result<Format, ReadError> {
     let bytes = without_mark(bytes);
     if let Some(format) = by_content(bytes) {
@@ -127,6 +127,10 @@ pub fn detect(name: &str, bytes: &[u8]) -> Result<Format, ReadError> {
     if bytes.starts_with(b"\x1f\x8b") || bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"BZh") {
         let cure = "unpack it first (gunzip, unzip or bunzip2)";
         return Err(ReadError::new(ReadErrorKind::Unsupported, Place::Byte(0), "a packed file", KNOWN, cure));
+    }
+    if is_binary_medit(bytes) {
+        let cure = "save it as ASCII .mesh";
+        return Err(ReadError::new(ReadErrorKind::Unsupported, Place::Byte(0), "a binary Medit file", KNOWN, cure));
     }
     match extension(name).as_str() {
         "msh" => Ok(Format::Gmsh),
@@ -141,6 +145,11 @@ pub fn detect(name: &str, bytes: &[u8]) -> Result<Format, ReadError> {
             Err(ReadError::new(ReadErrorKind::UnknownFormat, Place::File, format!("{found} at its start"), KNOWN, CONVERT))
         }
     }
+}
+
+/// Whether a file begins as Medit's do in binary: with the number 1, which tells the order of bytes, and a version from 1 to 4.
+fn is_binary_medit(bytes: &[u8]) -> bool {
+    matches!(bytes, [1, 0, 0, 0, 1..=4, 0, 0, 0, ..] | [0, 0, 0, 1, 0, 0, 0, 1..=4, ..])
 }
 
 fn by_content(bytes: &[u8]) -> Option<Format> {

@@ -1,12 +1,12 @@
 //! Makes a tet mesh fit for a simulation, and says what it did.
 //!
 //! After a repair: every tet has a positive volume that is more than rounding, and enough for its size that a model can be made of it ([`crate::is_too_flat`]);
-//! no two tets have the same nodes, every node is used, and parts that touch with whole faces have their nodes there in common ([`merged`]).
+//! no two tets have their nodes at the same places, every node is used, and parts that touch with whole faces have their nodes there in common ([`merged`]).
 //! Flat tets with a real volume stay: taking one out would tear a slit into the tissue. They are reported.
 
-use crate::check::{FLAT_QUALITY, duplicate_tets, unused_nodes};
+use crate::check::{FLAT_QUALITY, unused_nodes};
 use crate::geometry::{corners, count, is_without_volume, quality, signed_volume};
-use crate::merge::merged;
+use crate::merge::{duplicate_tets, merged};
 use crate::types::TetMesh;
 use std::fmt;
 
@@ -29,7 +29,7 @@ pub enum Repair {
         /// Of how many in all.
         of: usize,
     },
-    /// Tets with the nodes of an earlier tet were dropped.
+    /// Tets with the nodes of an earlier tet, or with nodes of their own at the same places, were dropped.
     DroppedDuplicates {
         /// How many.
         tets: usize,
@@ -146,7 +146,7 @@ pub enum RepairError {
     },
 }
 
-/// Repairs a mesh: merges the nodes of parts that touch with whole faces, flips inverted tets, drops duplicates, tets without volume and nodes without
+/// Repairs a mesh: drops duplicates, merges the nodes of parts that touch with whole faces, drops tets without volume and nodes without tets, flips inverted
 /// tets, and keeps the order of the rest.
 ///
 /// # Errors
@@ -157,12 +157,13 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
     let mut repairs = Vec::new();
     let mut keep = vec![true; tets.len()];
 
-    let node_of = merge_touching(&positions_m, &mut tets, &mut repairs);
-    let duplicates = duplicate_tets(&tets);
+    // First: a face of a part that is there twice lies on two others, and what touches it there would be joined to none.
+    let duplicates = duplicate_tets(&positions_m, &tets);
     duplicates.iter().for_each(|&tet| keep[tet as usize] = false);
     if let Some(&first) = duplicates.first() {
         repairs.push(Repair::DroppedDuplicates { tets: duplicates.len(), first });
     }
+    let node_of = merge_touching(&positions_m, &mut tets, &keep, &mut repairs);
     drop_flat(&positions_m, &tets, &mut keep, &mut repairs);
     let left = keep.iter().filter(|&&keep| keep).count();
     if left == 0 {
@@ -220,9 +221,11 @@ fn refuse_broken(mesh: &TetMesh) -> Result<(), RepairError> {
 }
 
 /// Gives parts that touch with whole faces their nodes there in common. For each node the one that it is now: itself, or one before it.
-fn merge_touching(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], repairs: &mut Vec<Repair>) -> Vec<u32> {
-    // What will be dropped joins nothing, and lies on neither side of a face.
-    let solid: Vec<[u32; 4]> = tets.iter().copied().filter(|tet| !is_without_volume(corners(positions_m, *tet))).collect();
+fn merge_touching(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], keep: &[bool], repairs: &mut Vec<Repair>) -> Vec<u32> {
+    // What is dropped, now or later, joins nothing, and lies on neither side of a face.
+    let is_solid = |tet: [u32; 4]| !is_without_volume(corners(positions_m, tet));
+    let kept = tets.iter().zip(keep).filter(|(tet, keep)| **keep && is_solid(**tet));
+    let solid: Vec<[u32; 4]> = kept.map(|(tet, _)| *tet).collect();
     let (node_of, faces) = merged(positions_m, &solid);
     let mut moved = node_of.iter().zip(0..).filter(|(now, node)| *now != node).map(|(_, node)| node);
     if let Some(first) = moved.next() {

@@ -10,7 +10,8 @@ pub struct TetMesh {
     pub positions_m: Vec<[f32; 3]>,
     /// Four node indices per tet. A tet `[a, b, c, d]` has a positive volume when `(b−a) × (c−a) · (d−a) > 0`.
     pub tets: Vec<[u32; 4]>,
-    /// One region per tet: the physical group (of Gmsh, without one the volume's number), material or attribute of the file; 0 if it names none.
+    /// One region per tet: the physical group (of Gmsh, without one the volume's number), reference or attribute of the file, without its sign; 0 if it names
+    /// none.
     pub regions: Vec<u32>,
 }
 

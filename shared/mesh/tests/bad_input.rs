@@ -93,12 +93,14 @@ fn what_is_not_read_here_names_the_cure() {
     let mut appended = vtu("", "format=\"appended\" offset=\"0\">").into_bytes();
     appended.extend_from_slice(b"<AppendedData encoding=\"raw\">_\x00\xff\xfe<</AppendedData></VTKFile>");
     let compressed = vtu("compressor=\"vtkZLibDataCompressor\"", "format=\"binary\">AAAA") + "</VTKFile>";
-    let cases: [(&str, &[u8], &str); 7] = [
+    let cases: [(&str, &[u8], &str); 9] = [
         ("a.vtu", &appended, "Ascii"),
         ("a.vtu", compressed.as_bytes(), "Ascii"),
         ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBASE64\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
         ("a.msh", b"$MeshFormat\n4 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
         ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
+        ("a.mesh", b"\x01\x00\x00\x00\x02\x00\x00\x00\x03\x00\x00\x00\x14\x00\x00\x00", "ASCII .mesh"),
+        ("a.meshb", b"\x00\x00\x00\x01\x00\x00\x00\x04\x00\x00\x00\x03", "ASCII .mesh"),
         ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),
         ("a.obj", b"v 0 0 0\nf 1 1 1\n", "volume mesh"),
     ];
@@ -107,6 +109,9 @@ fn what_is_not_read_here_names_the_cure() {
         assert!(error.cure.contains(cure), "{name}: {error}");
         assert!(matches!(error.kind, Kind::Unsupported | Kind::Empty), "{name}: {error}");
     }
+    // Of a version that there is none of it is no file of Medit's.
+    let version_5 = error("a.meshb", b"\x01\x00\x00\x00\x05\x00\x00\x00");
+    assert_eq!(version_5.kind, Kind::UnknownFormat, "{version_5}");
     let unknown = error("a.stl", b"solid a\nfacet normal 0 0 1\n");
     assert!(unknown.kind == Kind::UnknownFormat && unknown.cure.contains("meshio"), "{unknown}");
     assert_eq!(error("a.msh", b" \n").kind, Kind::Truncated);
@@ -152,9 +157,60 @@ fn faults_of_a_surface_are_named_with_their_line() {
     }
 }
 
+const FIVE_NODES: &str = "5 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n";
+
+/// Two tets of these regions, as TetGen and as Medit write them.
+fn with_regions(first: &str, second: &str) -> [Result<Vec<u32>, ReadError>; 2] {
+    let ele = format!("2 4 1\n1 1 2 3 4 {first}\n2 2 3 4 5 {second}\n");
+    let medit = format!(
+        "MeshVersionFormatted 2\nDimension 3\nVertices 5\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 1 1 0\n\
+         Tetrahedra 2\n1 2 3 4 {first}\n2 3 4 5 {second}\nEnd\n"
+    );
+    [read_tetgen(FIVE_NODES.as_bytes(), ele.as_bytes()), read_tets("a.mesh", medit.as_bytes())]
+        .map(|read| read.map(|mesh| mesh.regions))
+}
+
+/// Without a word 1.2 and 1.9 were 1, and 0.5 was none.
+#[test]
+fn a_region_that_is_no_whole_number_is_told() {
+    for (first, second, line) in [("1.2", "1.9", 2), ("1", "0.5", 3), ("nan", "1", 2)] {
+        let [tetgen, medit] = with_regions(first, second).map(|read| read.expect_err("it is none"));
+        assert_eq!((tetgen.kind, tetgen.place), (Kind::BadNumber, Place::Line(line)), "{tetgen}");
+        assert!(tetgen.to_string().contains(".ele file") && tetgen.expected.contains("a whole number"), "{tetgen}");
+        assert!(tetgen.cure.contains("number the regions"), "{tetgen}");
+        assert_eq!(medit.kind, Kind::BadNumber, "{medit}");
+    }
+    for read in with_regions("3.0", "2") {
+        assert_eq!(read, Ok(vec![3, 2]));
+    }
+}
+
+/// Without a word -1 was 1.
+#[test]
+fn two_regions_that_would_become_one_are_told_but_for_the_two_ways_round_of_one_of_gmsh() {
+    for (first, second) in [("1", "-1"), ("-7", "7"), ("5000000000", "6000000000")] {
+        let [tetgen, medit] = with_regions(first, second).map(|read| read.expect_err("they are two"));
+        assert_eq!((tetgen.kind, tetgen.place), (Kind::BadNumber, Place::Line(3)), "{tetgen}");
+        assert_eq!((medit.kind, medit.place), (Kind::BadNumber, Place::Line(11)), "{medit}");
+        assert!(tetgen.to_string().contains(".ele file"), "{tetgen}");
+        for error in [tetgen, medit] {
+            assert!([first, second].iter().all(|region| error.found.contains(region)), "{error}");
+        }
+    }
+    for read in with_regions("-1", "2") {
+        assert_eq!(read, Ok(vec![1, 2]));
+    }
+    let gmsh = GOOD.replace("\n1\n1 4 2 0 1 1 2 3 4", "\n2\n1 4 2 3 1 1 2 3 4\n2 4 2 -3 1 1 2 3 4");
+    assert_eq!(read_tets("a.msh", gmsh.as_bytes()).map(|mesh| mesh.regions), Ok(vec![3, 3]));
+}
+
 #[test]
 fn a_fault_of_a_tetgen_pair_names_the_file() {
     let error = read_tetgen(b"4 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n", b"1 4 0\n1 1 2 3 4\n").expect_err("a point is missing");
     assert_eq!(error.kind, Kind::Truncated);
     assert!(error.to_string().contains(".node file"), "{error}");
+    let missing = read_tetgen(FIVE_NODES.as_bytes(), b"1 4 0\n1 1 2 3 6\n").expect_err("there is no node 6");
+    assert!(missing.kind == Kind::MissingNode && missing.to_string().contains(".ele file"), "{missing}");
+    let twice = read_tetgen(FIVE_NODES.replace("\n5 1", "\n4 1").as_bytes(), b"1 4 0\n1 1 2 3 4\n").expect_err("two nodes 4");
+    assert!(twice.kind == Kind::DuplicateNode && twice.to_string().contains(".node file"), "{twice}");
 }

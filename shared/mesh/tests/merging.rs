@@ -1,4 +1,4 @@
-//! Parts that touch with whole faces become one by a repair; what only meets, lies in each other or is slit stays as it is.
+//! Parts that touch with whole faces become one by a repair, and what is there twice once; what only meets, lies in each other or is slit stays as it is.
 
 use hyst_mesh::*;
 
@@ -91,17 +91,62 @@ fn blocks_with_a_gap_other_triangles_between_them_or_that_lie_in_each_other_stay
         piece.positions_m.iter_mut().for_each(|position| position[1] = 2.0 - position[1]);
         piece
     };
+    let drawn_out = |mut piece: TetMesh| {
+        // Its near side lies on that of the other, and both fill the same side of it.
+        piece.positions_m.iter_mut().for_each(|position| position[0] *= 1.5);
+        piece
+    };
     let others = [
         block([2; 3], [2.001, 0.0, 0.0]),
         turned(block([2; 3], [2.0, 0.0, 0.0])),
-        block([2; 3], [0.0; 3]),
-        block([2; 3], [1.0, 0.0, 0.0]),
+        drawn_out(block([2; 3], [0.0; 3])),
+        block([2; 3], [0.5, 0.0, 0.0]),
     ];
     for (which, other) in others.into_iter().enumerate() {
         let repaired = repair(file_of(&[block([2; 3], [0.0; 3]), other])).unwrap();
-        let is_merged = repaired.repairs.iter().any(|repair| matches!(repair, Repair::MergedNodes { .. }));
-        assert!(!is_merged, "{which}: {:?}", repaired.repairs);
+        let is_left_apart = repaired.repairs.iter().all(|repair| matches!(repair, Repair::Flipped { .. }));
+        assert!(is_left_apart, "{which}: {:?}", repaired.repairs);
         assert_eq!((check(&repaired.mesh).components, repaired.mesh.positions_m.len()), (2, 54), "{which}");
+    }
+}
+
+/// It had twice the volume, and a wall that was twice as stiff.
+#[test]
+fn a_part_that_is_there_twice_with_nodes_of_its_own_is_there_once_and_that_is_said() {
+    let whole = block([2; 3], [0.0; 3]);
+    let mut again = whole.clone();
+    // Its tets come in another order, and some of them inside out.
+    again.tets.reverse();
+    again.tets.iter_mut().step_by(3).for_each(|tet| tet.swap(0, 1));
+    again.positions_m.iter_mut().flatten().filter(|coordinate| **coordinate == 0.0).for_each(|zero| *zero = -1e-17);
+    let file = file_of(&[whole.clone(), again]);
+    let found = check(&file);
+    assert_eq!(found.duplicate, (48..96).collect::<Vec<u32>>());
+    assert!(!found.is_sound() && (found.volume_m3 - 16.0).abs() < 1e-9, "{found}");
+    let repaired = repair(file).unwrap();
+    let dropped = Repair::DroppedDuplicates { tets: 48, first: 48 };
+    assert_eq!(repaired.repairs, [dropped, Repair::DroppedUnusedNodes { nodes: 27, first: 27 }]);
+    assert_eq!(repaired.repairs[0].to_string(), "dropped 48 tets with the nodes of an earlier one (first: tet 48)");
+    assert_eq!((repaired.mesh.positions_m, repaired.mesh.tets), (whole.positions_m, whole.tets));
+    assert_eq!(repaired.mesh.regions, [1; 48]);
+}
+
+#[test]
+fn what_touches_a_part_that_is_there_twice_is_joined_to_it_and_a_part_that_is_there_twice_in_part_to_its_rest() {
+    let [whole, beyond] = [0.0, 2.0].map(|low| block([2; 3], [low, 0.0, 0.0]));
+    let dropped = |tets: usize, first: u32| Repair::DroppedDuplicates { tets, first };
+    let unused = |nodes: usize, first: u32| Repair::DroppedUnusedNodes { nodes, first };
+    let merged = |first: u32| Repair::MergedNodes { nodes: 9, faces: 8, first };
+    // Of the block that begins in the middle of the other one half is left, and the first of its nodes that touches is the second of the block.
+    let cases = [
+        (file_of(&[whole.clone(), beyond, whole.clone()]), [dropped(48, 96), merged(27), unused(27, 54)], 16.0),
+        (file_of(&[whole, block([2; 3], [1.0, 0.0, 0.0])]), [dropped(24, 48), merged(28), unused(9, 27)], 12.0),
+    ];
+    for (file, repairs, volume_m3) in cases {
+        let repaired = repair(file).unwrap();
+        assert_eq!(repaired.repairs, repairs);
+        let found = check(&repaired.mesh);
+        assert!(found.is_sound() && found.components == 1 && (found.volume_m3 - volume_m3).abs() < 1e-9, "{found}");
     }
 }
 

@@ -6,7 +6,7 @@
 //! node is copied for each part of its star that hangs together by faces. Nodes on the sheet are *marked* until the stroke ends, so that the sheet
 //! of the next tick goes on where this one ended; and so that it begins there although the tissue has moved, the wire is kept by the tets it was in.
 //!
-//! Promises, each a property test (`tests/cutting`, `tests/cuts_through`, `tests/momentum`): the volume of each region and material is kept, but for
+//! Promises, each a property test (`tests/random_strokes`, `tests/cuts_through`, `tests/momentum`): the volume of each region and material is kept, but for
 //! pieces that were burnt away; every tet keeps a positive volume at rest and a quality above a bound; the boundary stays a 2-manifold, for faces that
 //! would spoil it stay closed; momentum is kept by volume, and by the masses of the models before and after once [`keep_momentum`] has been asked for it;
 //! what is burnt takes its own along; held nodes stay where they are; same tissue, same sweep: same bits. Everything that a later tick needs is in the

@@ -9,7 +9,7 @@ pub(crate) struct Builder {
     positions: Vec<[f32; 3]>,
     node_tags: Vec<(i64, Place)>,
     tets: Vec<([i64; 4], Place)>,
-    regions: Vec<u32>,
+    regions: Vec<i64>,
     /// Hexahedra, prisms, pyramids and the like that were passed over.
     pub other_volume_cells: usize,
 }
@@ -22,7 +22,7 @@ impl Builder {
 
     pub fn tet(&mut self, tags: [i64; 4], region: i64, place: Place) {
         self.tets.push((tags, place));
-        self.regions.push(u32::try_from(region.unsigned_abs()).unwrap_or(u32::MAX));
+        self.regions.push(region);
     }
 
     pub fn node_count(&self) -> usize {
@@ -32,13 +32,14 @@ impl Builder {
     /// The mesh, and the number of volume cells that are no tets.
     ///
     /// # Errors
-    /// Two nodes with one tag, a tet with a node that is not there, no tet at all.
+    /// Two nodes with one tag, a tet with a node that is not there, two regions that would have one number, no tet at all.
     pub fn finish(self) -> Result<(TetMesh, usize), ReadError> {
         let Builder { positions, node_tags, tets, regions, other_volume_cells } = self;
         if tets.is_empty() {
             return Err(no_tets(positions.len(), other_volume_cells));
         }
         let by_tag = index_by_tag(&node_tags)?;
+        let regions = region_numbers(&regions, &tets)?;
         let resolve = |tag: i64, place: Place| match by_tag.binary_search_by_key(&tag, |&(tag, _)| tag) {
             Ok(found) => Ok(by_tag[found].1),
             Err(_) => Err(missing(tag, place, &by_tag)),
@@ -77,6 +78,24 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
         }
     }
     Ok(by_tag)
+}
+
+/// The number of each tet's region: what the file names, without its sign.
+fn region_numbers(named: &[i64], tets: &[([i64; 4], Place)]) -> Result<Vec<u32>, ReadError> {
+    let number = |named: &i64| u32::try_from(named.unsigned_abs()).unwrap_or(u32::MAX);
+    let mut numbers: Vec<(u32, i64)> = named.iter().map(|named| (number(named), *named)).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let Some(pair) = numbers.windows(2).find(|pair| pair[0].0 == pair[1].0) else {
+        return Ok(named.iter().map(number).collect());
+    };
+    let both = [pair[0].1, pair[1].1];
+    let first_tets = both.map(|region| named.iter().position(|named| *named == region));
+    let place = first_tets.into_iter().flatten().max().map_or(Place::File, |tet| tets[tet].1);
+    let found = format!("a second one of the regions {} and {}, which would be one", both[0], both[1]);
+    let expected = format!("numbers of regions that differ in more than their signs, below {}", u32::MAX);
+    let cure = "number the regions 1, 2, 3 …, and mesh or export again";
+    Err(ReadError::new(ReadErrorKind::BadNumber, place, found, expected, cure))
 }
 
 fn too_many(place: Place) -> ReadError {

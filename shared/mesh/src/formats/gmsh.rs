@@ -143,9 +143,14 @@ fn elements(text: &mut Text, mesh: &mut Builder, version: Version) -> Result<(),
             before += 1;
             tags -= 1;
         }
-        mesh.tet(corners(&mut rest, &what)?, region, Place::Line(line.line));
+        mesh.tet(corners(&mut rest, &what)?, without_orientation(region), Place::Line(line.line));
     }
     end(text, "$ENDELM or $EndElements", count)
+}
+
+/// A physical group by its number alone: the sign says which way round an entity is in it.
+pub(super) fn without_orientation(group: i64) -> i64 {
+    group.saturating_abs()
 }
 
 /// The first four nodes of a tet of any order.

@@ -1,7 +1,7 @@
 //! Gmsh 4.0 and 4.1 as text: blocks of nodes and of elements, one per entity of the geometry.
 
 use super::builder::Builder;
-use super::gmsh::{Version, corners, end, is_other_volume, is_tet};
+use super::gmsh::{Version, corners, end, is_other_volume, is_tet, without_orientation};
 use crate::error::{Place, ReadError};
 use crate::text::Text;
 
@@ -24,7 +24,8 @@ impl Physical {
 
     /// Region of an element of volume `entity`: its first physical group, else the volume's own tag.
     pub fn region(&self, entity: i64) -> i64 {
-        self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag).map_or(entity, |found| self.volumes[found].1)
+        let group = self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag).map_or(entity, |found| self.volumes[found].1);
+        without_orientation(group)
     }
 
     /// `$Entities`. It only names regions, so what is not understood is passed over.

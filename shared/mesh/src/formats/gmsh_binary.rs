@@ -5,7 +5,7 @@
 //! that are not read are passed over to their ends.
 
 use super::builder::Builder;
-use super::gmsh::{CURE, Version, is_other_volume, is_tet};
+use super::gmsh::{CURE, Version, is_other_volume, is_tet, without_orientation};
 use super::gmsh4::Physical;
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::{narrow, take};
@@ -199,7 +199,7 @@ impl<'a> Numbers<'a> {
                 }
                 let corners = self.corners(nodes, INT_BYTES, &what)?;
                 if is_tet(kind) {
-                    mesh.tet(corners, region, place);
+                    mesh.tet(corners, without_orientation(region), place);
                 }
             }
             read += follow;

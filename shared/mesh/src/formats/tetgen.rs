@@ -6,6 +6,8 @@ use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::Text;
 use crate::types::TetMesh;
 
+const CURE: &str = "number the regions 1, 2, 3 … in the .poly file's list of regions, and mesh again";
+
 /// Reads a mesh from the contents of TetGen's `.node` and `.ele`. Coordinates stay in the unit of the file.
 ///
 /// # Errors
@@ -14,7 +16,11 @@ pub fn read_tetgen(node: &[u8], ele: &[u8]) -> Result<TetMesh, ReadError> {
     let mut mesh = Builder::default();
     read_nodes(node, &mut mesh).map_err(|error| of_file(error, ".node"))?;
     read_elements(ele, &mut mesh).map_err(|error| of_file(error, ".ele"))?;
-    mesh.finish().map(|(mesh, _)| mesh)
+    mesh.finish().map(|(mesh, _)| mesh).map_err(|error| match error.kind {
+        ReadErrorKind::DuplicateNode => of_file(error, ".node"),
+        ReadErrorKind::MissingNode | ReadErrorKind::BadNumber => of_file(error, ".ele"),
+        _ => error,
+    })
 }
 
 fn of_file(mut error: ReadError, file: &str) -> ReadError {
@@ -59,8 +65,19 @@ fn read_elements(bytes: &[u8], mesh: &mut Builder) -> Result<(), ReadError> {
         for _ in 4..nodes_each.min(10) {
             line.i64(&what)?; // nodes in the middle of edges
         }
-        let region = if attributes > 0 { line.need(&what)?.f64(&what)? as i64 } else { 0 };
+        let region = if attributes > 0 { region(&mut line, &what)? } else { 0 };
         mesh.tet(tags, region, Place::Line(token.line));
     }
     Ok(())
+}
+
+/// The region of a tet: its first attribute. To TetGen that is any number, but regions are told apart by whole ones.
+fn region(line: &mut Text, what: &str) -> Result<i64, ReadError> {
+    let token = line.need(what)?;
+    token.f64(what)?;
+    let is_no_region = |error: ReadError| {
+        let expected = format!("a whole number as the first attribute of {what}, which is its region");
+        ReadError { expected, cure: CURE.into(), ..error }
+    };
+    token.i64(what).map_err(is_no_region)
 }

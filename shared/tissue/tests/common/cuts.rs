@@ -3,8 +3,8 @@
 use super::block;
 use glam::{DVec3, Vec3};
 use hyst_mesh::{
-    TetMesh, TriangleMesh, bind, boundary, check, component_count, component_of_each_tet, quality, read_tets, read_triangles,
-    repair, signed_volume,
+    Binding, TetMesh, TriangleMesh, bind, boundary, check, component_count, component_of_each_tet, quality, read_tets,
+    read_triangles, repair, signed_volume,
 };
 use hyst_tissue::{CutOptions, CutReport, Cuttable, Skin, cut};
 use std::collections::{BTreeMap, BTreeSet};
@@ -57,6 +57,29 @@ pub fn polyp() -> Cuttable {
     let mut surface = read_triangles("polyp-surface.obj", &bytes_of("polyp-surface.obj")).unwrap();
     surface.scale_to_m(1e-3);
     dressed(Cuttable::at_rest(shipped("polyp.msh")), &surface)
+}
+
+/// Meshes in one, each with nodes of its own, and with its number for a region.
+pub fn joined(meshes: &[TetMesh]) -> TetMesh {
+    let mut all = TetMesh::default();
+    for (mesh, region) in meshes.iter().zip(0..) {
+        let first = all.positions_m.len() as u32;
+        all.positions_m.extend(&mesh.positions_m);
+        all.tets.extend(mesh.tets.iter().map(|tet| tet.map(|node| node + first)));
+        all.regions.extend(vec![region; mesh.tets.len()]);
+    }
+    all
+}
+
+/// Two objects in one tissue, each a region, with nodes and a surface of its own.
+pub fn beside(one: &Cuttable, other: &Cuttable) -> Cuttable {
+    let [tets, vertices] = [one.rest.tets.len(), one.skin.rest_m.len()].map(|count| count as u32);
+    let mut skin = one.skin.clone();
+    skin.rest_m.extend(&other.skin.rest_m);
+    skin.triangles.extend(other.skin.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + vertices)));
+    skin.bindings.extend(other.skin.bindings.iter().map(|binding| Binding { tet: binding.tet + tets, ..*binding }));
+    skin.raw.extend(&other.skin.raw);
+    Cuttable { skin, ..Cuttable::at_rest(joined(&[one.rest.clone(), other.rest.clone()])) }
 }
 
 /// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.

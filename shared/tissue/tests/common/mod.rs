@@ -2,6 +2,7 @@
 #![allow(dead_code, missing_docs, unused_imports)]
 
 pub mod cuts;
+pub mod kinds;
 mod noise;
 
 pub use noise::noise;

@@ -1,10 +1,13 @@
 //! Meshes of the kinds that others make, made here, small, and always tried: graded and jittered; with slivers; in pieces that have nodes of their own where
 //! they touch; in millimetres; one tet thick, its nodes and tets in no order. Each is read from a file, repaired, pressed and cut as those of a folder are.
 
+#[path = "../../../../../shared/tissue/tests/common/kinds.rs"]
+mod kinds;
+
 use super::super::linear::block;
 use super::{Copied, EXTENT_M, cut_in_two, pressed, scene_of};
 use hyst_mesh::{TetMesh, check};
-use std::f32::consts::TAU;
+use kinds::{in_no_order, jittered, on_lines, spaced_m};
 
 /// Where each begins before the pivot, m: the scope comes along +z to its middle.
 const NEAR_M: f32 = 0.03;
@@ -15,10 +18,6 @@ const ACROSS: [f32; 7] = [10.0, 4.6, 2.2, 1.0, 2.2, 4.6, 10.0];
 const ALONG: [f32; 5] = [1.0, 1.8, 3.2, 5.6, 10.0];
 /// Cells of the cubes, likewise.
 const CELLS: [usize; 2] = [7, 6];
-/// By how much of the lesser space beside it an inner node is moved along each axis at most: no tet turns inside out by that.
-const JITTER: f32 = 0.15;
-/// Height of a sliver as a share of what it was.
-const SLIVER: f32 = 1e-4;
 /// The tube: its outer radius and its thickness, m, and its cells around and along its axis, which lies across the scope's way.
 const OUTER_M: f32 = 0.02;
 const THICK_M: f32 = 0.002;
@@ -39,42 +38,9 @@ struct Made {
     said: &'static str,
 }
 
-/// A number from −1 to 1 for each of some things, in no order that is to be seen: multiples of an irrational number without their whole part.
-fn scattered(index: usize, which: usize) -> f32 {
-    const STEPS: [f64; 3] = [0.819_172_5, 0.671_043_6, 0.549_700_5];
-    (2.0 * (index as f64 * STEPS[which]).fract() - 1.0) as f32
-}
-
-/// Lines with these spaces between them, from the first to the last, m.
-fn spaced_m(spaces: &[f32], [low_m, high_m]: [f32; 2]) -> Vec<f32> {
-    let whole: f32 = spaces.iter().sum();
-    let mut gone = 0.0;
-    let line_m = |space: &f32| {
-        gone += space;
-        low_m + (high_m - low_m) * gone / whole
-    };
-    std::iter::once(low_m).chain(spaces.iter().map(line_m)).collect()
-}
-
-/// The lines on which a node of a block lies.
-fn lines_of(node: usize, lines_m: &[Vec<f32>; 3]) -> [usize; 3] {
-    let [x, y] = [0, 1].map(|axis| lines_m[axis].len());
-    [node % x, node / x % y, node / x / y]
-}
-
-/// Whether a node of a block lies inside.
-fn is_inner(at: [usize; 3], lines_m: &[Vec<f32>; 3]) -> bool {
-    (0..3).all(|axis| at[axis] > 0 && at[axis] + 1 < lines_m[axis].len())
-}
-
 /// A block with nodes where these lines cross.
 fn grid(lines_m: &[Vec<f32>; 3]) -> TetMesh {
-    let mut mesh = block([0, 1, 2].map(|axis| lines_m[axis].len() - 1), [0.0; 3]);
-    for (node, place_m) in mesh.positions_m.iter_mut().enumerate() {
-        let at = lines_of(node, lines_m);
-        *place_m = [0, 1, 2].map(|axis| lines_m[axis][at[axis]]);
-    }
-    mesh
+    on_lines(block([0, 1, 2].map(|axis| lines_m[axis].len() - 1), [0.0; 3]), lines_m)
 }
 
 /// The lines of a cube.
@@ -90,37 +56,13 @@ fn graded() -> TetMesh {
     let across_m = spaced_m(&ACROSS, [-half_m, half_m]);
     let along_m = spaced_m(&ALONG, [NEAR_M, NEAR_M + least_m * ALONG.iter().sum::<f32>()]);
     let lines_m = [across_m.clone(), across_m, along_m];
-    let mut mesh = grid(&lines_m);
-    for (node, place_m) in mesh.positions_m.iter_mut().enumerate() {
-        let at = lines_of(node, &lines_m);
-        if is_inner(at, &lines_m) {
-            for axis in 0..3 {
-                let [before_m, here_m, after_m] = [at[axis] - 1, at[axis], at[axis] + 1].map(|line| lines_m[axis][line]);
-                place_m[axis] += JITTER * (here_m - before_m).min(after_m - here_m) * scattered(node, axis);
-            }
-        }
-    }
-    mesh
+    jittered(grid(&lines_m), &lines_m)
 }
 
-/// A cube in which every second inner node on each axis lies nearly in a face that is opposite to it. No two of them have a tet in common, and what the tets
-/// around each fill is convex, so that none turns inside out.
+/// A cube in which every second inner node on each axis lies nearly in a face that is opposite to it.
 fn with_slivers() -> TetMesh {
     let lines_m = even_m();
-    let mut mesh = grid(&lines_m);
-    for node in 0..mesh.positions_m.len() {
-        let at = lines_of(node, &lines_m);
-        let around = mesh.tets.iter().find(|tet| tet.contains(&(node as u32)));
-        let Some(tet) = around.filter(|_| is_inner(at, &lines_m) && at.iter().all(|line| line % 2 == 0)) else { continue };
-        let face = tet.iter().map(|corner| *corner as usize).filter(|corner| *corner != node);
-        let middle_m =
-            face.fold([0.0; 3], |sum: [f32; 3], corner| [0, 1, 2].map(|axis| sum[axis] + mesh.positions_m[corner][axis] / 3.0));
-        mesh.positions_m[node] = [0, 1, 2].map(|axis| {
-            let before_m = mesh.positions_m[node][axis];
-            middle_m[axis] + SLIVER * (before_m - middle_m[axis])
-        });
-    }
-    mesh
+    kinds::with_slivers(grid(&lines_m), &lines_m)
 }
 
 /// The near and the far half of a cube, each with nodes of its own between them.
@@ -133,37 +75,9 @@ fn halves() -> Vec<TetMesh> {
 /// A tube, one tet thick; the nodes where it closes are there twice, those of the last cells unused.
 fn tube() -> TetMesh {
     let [around, along] = TUBE;
-    let mut mesh = block([around, 1, along], [0.0; 3]);
-    let in_turn = around + 1;
-    for (node, place_m) in mesh.positions_m.iter_mut().enumerate() {
-        let [turn, out, far] = [node % in_turn, node / in_turn % 2, node / in_turn / 2];
-        let (sin, cos) = (TAU * turn as f32 / around as f32).sin_cos();
-        let radius_m = OUTER_M - THICK_M * (1 - out) as f32;
-        let x_m = EXTENT_M * (far as f32 / along as f32 - 0.5);
-        *place_m = [x_m, radius_m * sin, NEAR_M + OUTER_M - radius_m * cos];
-    }
-    for corner in mesh.tets.as_flattened_mut() {
-        *corner -= if *corner as usize % in_turn == around { around as u32 } else { 0 };
-    }
+    let mut mesh = kinds::tube(block([around, 1, along], [0.0; 3]), TUBE, [OUTER_M, THICK_M, EXTENT_M]);
+    mesh.positions_m.iter_mut().for_each(|place_m| place_m[2] += NEAR_M + OUTER_M);
     mesh
-}
-
-/// The same mesh with its nodes and its tets in no order.
-fn in_no_order(mesh: &TetMesh) -> TetMesh {
-    let order = |count: usize, which: usize| {
-        let mut order: Vec<usize> = (0..count).collect();
-        order.sort_by(|one, other| scattered(*one, which).total_cmp(&scattered(*other, which)));
-        order
-    };
-    let nodes = order(mesh.positions_m.len(), 0);
-    let mut now = vec![0; nodes.len()];
-    nodes.iter().zip(0..).for_each(|(node, number)| now[*node] = number);
-    let tets = order(mesh.tets.len(), 1);
-    TetMesh {
-        positions_m: nodes.iter().map(|node| mesh.positions_m[*node]).collect(),
-        tets: tets.iter().map(|tet| mesh.tets[*tet].map(|node| now[node as usize])).collect(),
-        regions: mesh.regions.clone(),
-    }
 }
 
 /// A mesh that is held at its far end, its file in metres.
