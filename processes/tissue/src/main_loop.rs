@@ -315,9 +315,8 @@ impl Stateful for MainLoop<'_> {
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
-        let sticks = (bytemuck::cast_slice_mut(memory), bytemuck::cast_slice_mut(next_stuck));
-        let (planes, force_n) =
-            self.contacts.planes(world, &table, (&tool, self.grasp.holds()), sticks, &after, &self.scratch)?;
+        let kept = (bytemuck::cast_slice_mut(memory), bytemuck::cast_slice_mut(next_stuck));
+        let (planes, force_n) = self.contacts.planes(world, &table, (&tool, self.grasp.holds()), kept, &after, &self.scratch)?;
         self.planes = planes;
         let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), (&change, &report));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
