@@ -8,8 +8,8 @@ use super::fit;
 use super::judge::{Judgement, judge};
 use super::outcome::Outcome;
 use super::station::StationOutcome;
-use crate::bounded;
 use crate::settings::Refusal;
+use hyst_scene::bounded;
 use serde::de::DeserializeOwned;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
@@ -79,7 +79,7 @@ pub fn read(folder: &Path, given: &[PathBuf]) -> Result<Results, Refusal> {
 fn campaign_of(folder: &Path, plan: &Plan, given: &[PathBuf]) -> Result<Campaign, Refusal> {
     let mut text = u64::from_str_radix(&plan.file_hash, 16).ok().and_then(|hash| text_in(folder, hash));
     for path in given {
-        let refuse = |e: std::io::Error| Refusal::input(format!("--file {}: {e}", path.display()));
+        let refuse = |e: bounded::Unread| Refusal::input(format!("--file {}: {e}", path.display()));
         let other = bounded::text(path, MOST_BYTES).map_err(refuse)?;
         if text.is_none() && hash_of(&other) == plan.file_hash {
             text = Some(other);
