@@ -241,7 +241,7 @@ fn mesh_pipeline(
 ) -> wgpu::RenderPipeline {
     let Part { layout, module } = &parts.scene;
     let attributes = attributes();
-    let buffers = [0, 1, 2, 3, 4].map(|location: usize| Some(points(&attributes[location])));
+    let buffers = [0, 1, 2, 3, 4, 5].map(|location: usize| Some(points(&attributes[location])));
     parts.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: fragment.as_ref().and_then(|fragment| fragment.entry_point),
         layout: Some(layout),
@@ -300,11 +300,11 @@ fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
     mesh_pipeline(parts, primitive, depth(!v.translucent), parts.samples, fragment)
 }
 
-/// Position, normal, rest, flag and openness of a vertex, as `scene.wgsl` reads them, each from a buffer of its own.
-fn attributes() -> [[wgpu::VertexAttribute; 1]; 5] {
+/// Position, normal, rest, flag, openness and share of the lobes of a vertex, as `scene.wgsl` reads them, each from a buffer of its own.
+fn attributes() -> [[wgpu::VertexAttribute; 1]; 6] {
     let (point, flag, share) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32, wgpu::VertexFormat::Float32);
-    let formats = [point, point, point, flag, share];
-    [0, 1, 2, 3, 4]
+    let formats = [point, point, point, flag, share, share];
+    [0, 1, 2, 3, 4, 5]
         .map(|location: usize| [wgpu::VertexAttribute { format: formats[location], offset: 0, shader_location: location as u32 }])
 }
 

@@ -3,6 +3,7 @@
 //! Promise: what streams in is read in place; handing it to the driver is the only copy. Topology is checked once, when it arrives: no later
 //! picture can read outside a buffer. Positions are not checked: the passes draw a vertex that is not finite (or farther than 10 m) at its
 //! rest position. Objects are drawn in the order of their ids.
+mod lobes;
 mod openness;
 mod tree;
 
@@ -22,7 +23,7 @@ pub const MAX_OBJECTS: usize = 256 + 16;
 pub const MAX_TRIANGLES: usize = 10_000_000;
 
 /// How far the lobes of a growth stand out in the picture, m, those of a myoma, and tiles of the relief in a metre: lobes of some 4 mm. The collision knows
-/// nothing of them.
+/// nothing of them, and they end before its wounds (`lobes.rs`).
 const LOBES_M: f32 = 3.5e-4;
 const KNOBS_M: f32 = 1.5e-4;
 const LOBES_PER_M: f32 = 30.0;
@@ -110,7 +111,7 @@ impl Object {
     /// Draws it with the pipeline that is set.
     pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
         pass.set_bind_group(1, &self.look, &[]);
-        for (slot, points) in (0..).zip([&self.positions, &self.normals, &self.rest, &self.raw, &self.open]) {
+        for (slot, points) in (0..).zip([&self.positions, &self.normals, &self.rest, &self.raw, &self.open, &self.lobes]) {
             pass.set_vertex_buffer(slot, points.slice(..));
         }
         pass.set_index_buffer(self.triangles.slice(..), wgpu::IndexFormat::Uint32);
@@ -124,6 +125,7 @@ pub(crate) struct Object {
     pub rest: wgpu::Buffer,
     pub raw: wgpu::Buffer,
     pub open: wgpu::Buffer,
+    pub lobes: wgpu::Buffer,
     pub triangles: wgpu::Buffer,
     pub uniform: wgpu::Buffer,
     pub look: wgpu::BindGroup,
@@ -297,6 +299,7 @@ impl Stage {
         let raw: &[u32] = if mesh.raw.is_empty() { &smooth } else { mesh.raw };
         let raw = self.filled("raw", bytemuck::cast_slice(raw), Usage::VERTEX);
         let open = self.filled("open", bytemuck::cast_slice(&vec![1.0_f32; mesh.rest_m.len()]), Usage::VERTEX);
+        let lobes = self.filled("lobes", bytemuck::cast_slice(&lobes::shown(mesh, first, incident)), Usage::VERTEX);
         let triangles = self.filled("triangles", corners, Usage::INDEX | Usage::STORAGE);
         let first = self.filled("first", bytemuck::cast_slice(first), Usage::STORAGE);
         let incident = self.filled("incident", bytemuck::cast_slice(incident), Usage::STORAGE);
@@ -309,6 +312,7 @@ impl Stage {
             rest,
             raw,
             open,
+            lobes,
             triangles,
             uniform,
             look,

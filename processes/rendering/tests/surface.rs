@@ -2,7 +2,7 @@
 //! meshes.
 mod stand;
 
-use rendering::{Appearance, Camera, External, Material, RenderError, Without, shapes};
+use rendering::{Appearance, Camera, External, Material, RenderError, Renderer, SurfaceMesh, Without, shapes};
 use stand::*;
 
 /// Colour and vessels alone, under a light that nothing bends.
@@ -89,24 +89,55 @@ fn silhouette_px(shot: &[u8]) -> Vec<f32> {
     (0..120).map(|part| radius(part as f32 / 120.0 * std::f32::consts::TAU)).collect()
 }
 
-#[test]
-fn a_growth_has_lobes_of_some_tenths_of_a_millimetre_and_the_lining_has_none() {
-    let Some(mut r) = renderer() else { return };
+/// Mean radius of what stands at the origin as it is seen from afar along x, and the most that its outline is beside that, mm.
+fn outline_mm(r: &mut Renderer) -> [f32; 2] {
     let (far_m, field_of_view_rad) = (0.060, 0.175);
     let outside = External { eye_m: [far_m, 0.0, 0.0], target_m: [0.0; 3], field_of_view_rad, clip: None, ..External::default() };
     let mut view = straight();
     view.camera = Camera::External(outside);
     let mm_per_px = 1e3 * 2.0 * far_m * (0.5 * field_of_view_rad).tan() / HEIGHT as f32;
+    let radii = silhouette_px(&picture(r, &view));
+    let mean = radii.iter().sum::<f32>() / radii.len() as f32;
+    let most = radii.iter().map(|radius| (radius - mean).abs()).fold(0.0, f32::max);
+    [mean, most].map(|px| px * mm_per_px)
+}
+
+#[test]
+fn a_growth_has_lobes_of_some_tenths_of_a_millimetre_and_the_lining_has_none() {
+    let Some(mut r) = renderer() else { return };
     let [lobed, round] = [Material::Polyp, Material::MucosaTissue].map(|material| {
         put(&mut r, TOOL, &shapes::ball([0.0; 3], 0.004, 64, 96), material);
-        let radii = silhouette_px(&picture(&mut r, &view));
-        let mean = radii.iter().sum::<f32>() / radii.len() as f32;
-        let most = radii.iter().map(|radius| (radius - mean).abs()).fold(0.0, f32::max);
-        [mean, most].map(|px| px * mm_per_px)
+        outline_mm(&mut r)
     });
     println!("a ball of 4 mm: mean radius and most beside it {lobed:?} mm with lobes, {round:?} mm without");
     assert!((round[0] - 4.0).abs() < 0.1 && round[1] < 0.07, "{round:?}");
     assert!((0.1..0.4).contains(&lobed[1]) && (lobed[0] - 4.0).abs() < 0.35, "{lobed:?}");
+}
+
+/// At the rim of a cut the lobes stood out over the wound, and one looked in under them.
+#[test]
+fn the_skin_of_a_growth_ends_on_the_rim_of_its_wound() {
+    const BANDS: u32 = 12;
+    const AROUND: u32 = 96;
+    let Some(mut r) = renderer() else { return };
+    // From pole to pole along x: the outline is that of the middle row of vertices.
+    let mut growth = shapes::ball([0.0; 3], 0.004, BANDS + 1, AROUND);
+    growth.positions_m.iter_mut().for_each(|place| place.rotate_right(1));
+    put(&mut r, TOOL, &growth, Material::Polyp);
+    let whole = outline_mm(&mut r);
+    // The half that looks at the eye is a wound, with vertices of its own.
+    let skin = growth.positions_m.len() as u32;
+    growth.positions_m.extend_from_within(..);
+    for corners in &mut growth.triangles[(BANDS * AROUND) as usize..] {
+        *corners = corners.map(|corner| corner + skin);
+    }
+    let raw: Vec<u32> = (0..2 * skin).map(|vertex| u32::from(vertex >= skin)).collect();
+    let appearance = Appearance::of(Material::Polyp);
+    let mesh = SurfaceMesh { triangles: &growth.triangles, rest_m: &growth.positions_m, raw: &raw, appearance };
+    r.stage().set_object(TOOL, mesh).unwrap();
+    let cut = outline_mm(&mut r);
+    println!("mean radius and most beside it {whole:?} mm where it is whole, {cut:?} mm at the rim");
+    assert!(whole[1] > 0.1 && cut[1] < 0.08 && (cut[0] - 4.0).abs() < 0.1, "{whole:?} {cut:?}");
 }
 
 #[test]

@@ -310,18 +310,18 @@ fn a_tissue_that_settles_after_a_fade_is_felt_in_small_steps_and_then_as_any_oth
     let params = ServoParams::default();
     let faded = (2..=400u32).fold(pressing(&near, 0.002), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.002).0);
     assert_eq!((faded.force_n[2], faded.return_ticks), (0.0, 0));
-    // Begun anew about the scope: its model is another one at each tick.
+    // Begun anew about the scope: its model is another one at each tick, for longer than 0.2 s.
     let (mut state, mut most_n) = (faded, [0.0f32; 2]);
-    for tick in 901..1301u64 {
+    for tick in 901..1_701u64 {
         let model = if tick % 2 == 0 { &near } else { &far };
         let next = held(&state, tick, model, 1, 0.002).0;
+        assert_eq!(next.return_ticks > 0, tick < 1_301, "tick {tick}");
         let most = &mut most_n[usize::from(next.return_ticks == 0)];
         *most = most.max((next.force_n[2] - state.force_n[2]).abs());
         state = next;
     }
     assert!(most_n[0] <= params.return_step_n + 1e-6, "{most_n:?}");
     assert!(most_n[1] > 3.0 * params.return_step_n && most_n[1] <= params.model_step_n + 1e-6, "{most_n:?}");
-    assert_eq!(state.return_ticks, 0);
 }
 
 /// What pushes the tip out of a tissue that settles is no excuse for what the model jumps by: the way explains what these planes make of it.
@@ -332,12 +332,12 @@ fn a_tip_that_is_pushed_out_of_a_tissue_that_settles_feels_small_steps_too() {
     far.planes[0].point_m[2] += 0.001;
     let params = ServoParams::default();
     let mut state =
-        (2..=400u32).fold(pressing(&near, 0.009), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.009).0);
+        (2..=400u32).fold(pressing(&near, 0.018), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.018).0);
     assert_eq!((state.force_n[2], state.return_ticks), (0.0, 0));
     let (way_m, mut most_n) = (40e-6, 0.0f32);
-    for tick in 901..1_050u64 {
+    for tick in 901..1_301u64 {
         let model = if tick % 2 == 0 { &near } else { &far };
-        let depth_m = 0.009 - way_m * (tick - 900) as f32;
+        let depth_m = 0.018 - way_m * (tick - 900) as f32;
         let next = drawn(&state, tick, model, 1, (depth_m, -way_m / DT_S)).0;
         assert!(next.return_ticks > 0, "tick {tick}");
         most_n = most_n.max((next.force_n[2] - state.force_n[2]).abs());
@@ -354,7 +354,7 @@ fn a_model_that_was_late_by_little_is_soon_followed_as_any_other() {
     let near = wall(Vec3::ZERO, 1000.0);
     let late = held(&pressing(&near, 0.002), 501, &near, 110, 0.002).0;
     let back = held(&late, 502, &near, 1, 0.002).0;
-    assert!((1..=10).contains(&back.return_ticks), "{}", back.return_ticks);
+    assert!((1..=20).contains(&back.return_ticks), "{}", back.return_ticks);
     let gap = held(&back, 600, &near, 1, 0.002).0;
     assert_eq!(gap.return_ticks, ServoParams::default().return_ticks);
 }

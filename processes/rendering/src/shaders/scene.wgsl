@@ -59,16 +59,18 @@ fn sane(x: f32) -> bool {
 
 @vertex
 fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32,
-          @location(4) open: f32) -> Varying {
+          @location(4) open: f32, @location(5) lobes: f32) -> Varying {
     var p = position;
     if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
     var v: Varying;
     var n = normal;
-    if o.shape.x > 0.0 && raw == 0u {
+    // None on a wound, nor where what is whole ends at its rim: one would look into nothing between the two.
+    let height = o.shape.x * lobes;
+    if height > 0.0 {
         // The lobes of a growth, and its normal with them: a texel's slope is that over two texels of the 64 in a tile.
         let relief = textureSampleLevel(bump, tiled, rest * o.shape.y, 0.0);
-        let slope = relief.xyz * (32.0 * o.shape.x * o.shape.y);
-        p += n * relief.w * o.shape.x;
+        let slope = relief.xyz * (32.0 * height * o.shape.y);
+        p += n * relief.w * height;
         n = normalize(n - (slope - n * dot(slope, n)));
     }
     let w = o.model * vec4<f32>(p, 1.0);

@@ -69,6 +69,14 @@ fn founded_with(step_ticks: u64, name: &str, settings: &str) -> (Wiped, [OwnedPa
     (Wiped(station), pages)
 }
 
+/// One with steps of one tick and without workers, and what an engine of it has beside the pages: a life, and an inbox.
+fn begun(name: &str) -> (Wiped, [OwnedPage; 3], Life, Inbox) {
+    let (station, pages) = founded(name, "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    (station, pages, life, inbox)
+}
+
 fn page_of(station: &Station, role: Role) -> Arrival {
     let slot = Slot::first(role);
     Arrival { slot, incarnation: 1, port: Port::Page(station.read_slot(slot, 1).unwrap()) }
@@ -270,9 +278,7 @@ fn is_taken_by_its_maker(maker: &MainLoop<'_>, tick: u64, now: &[u64]) {
 
 #[test]
 fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
-    let (station, pages) = founded("cut", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("cut");
     let [mut holder, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let whole = Arc::clone(&holder.world);
     let mut now = first_state(&mut holder);

@@ -62,7 +62,8 @@ pub struct ServoParams {
     /// The same while force comes back after a gap or a fade, N: the tissue that its model then comes from has mostly begun anew with the scope in its
     /// wall, and settles. So little that a hardware which reads every second of two forces still feels less than the 0.05 N.
     pub return_step_n: f32,
-    /// Ticks for which that is so after a fade to nothing, and after a gap; after less of a fade as much fewer.
+    /// Ticks for which that is so after a fade to nothing, and after a gap; after less of a fade as much fewer. More than the largest force takes to come
+    /// back, and than such a tissue does to settle: of ten one was not done with it after 200.
     pub return_ticks: u32,
     /// Fastest motion of a hand that counts as an explanation, m/s.
     pub max_speed_m_s: f32,
@@ -89,7 +90,7 @@ impl Default for ServoParams {
             gap_ramp_ticks: 20,
             model_step_n: 0.04,
             return_step_n: 0.01,
-            return_ticks: 200,
+            return_ticks: 400,
             max_speed_m_s: 1.0,
             return_speed_m_s: 0.03,
             controller_damping_n_s_m: 4.0,

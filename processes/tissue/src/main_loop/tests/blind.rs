@@ -151,9 +151,7 @@ fn pressed(main: &mut MainLoop<'_>, device: &OwnedPage, goes: Goes) -> Felt {
 }
 
 fn feels_no_step(name: &str, goes: Goes) {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let mut main = engine(&station, &life, &mut inbox);
     let felt = pressed(&mut main, &pages[1], goes);
     let params = ServoParams::default();

@@ -78,9 +78,7 @@ fn ends(all: &[f32]) -> [f32; 2] {
 }
 
 fn with_session(name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Session<'_>)) {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let mut main = engine(&station, &life, &mut inbox);
     let now = first_state(&mut main);
     let (most_kinetic_j, most_force_n) = (0.0, 0.0);
@@ -178,9 +176,7 @@ fn while_the_pressure_holds_the_walls_apart_nothing_of_it_is_in_a_state() {
 
 #[test]
 fn who_finds_a_state_on_the_way_goes_on_to_the_bit() {
-    let (station, pages) = founded("onthe", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("onthe");
     let [mut holder, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let mut now = first_state(&mut holder);
     for tick in 1..=700 {

@@ -41,9 +41,7 @@ fn first_met_m(world: &World, electrode: &hyst_scene::LoadedLoop) -> f32 {
 }
 
 fn pressed(name: &str, controls: impl Fn(f32) -> Controls) -> Pressed {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let mut main = engine(&station, &life, &mut inbox);
     let electrode = main.world.case.electrode.clone().unwrap();
     let reach_m = electrode.reach_m;

@@ -12,9 +12,7 @@ const THROWN_M: f32 = 0.1;
 
 #[test]
 fn a_press_needs_no_correction_and_what_a_state_that_bursts_takes_is_counted_and_carried_on() {
-    let (station, pages) = founded("mended", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("mended");
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let mut now = first_state(&mut main);
     let rest = main.first_core().pose;
@@ -48,9 +46,7 @@ fn a_press_needs_no_correction_and_what_a_state_that_bursts_takes_is_counted_and
 
 #[test]
 fn hits_that_find_no_room_are_counted() {
-    let (station, pages) = founded("dropped", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("dropped");
     let mut main = engine(&station, &life, &mut inbox);
     let mut now = first_state(&mut main);
     let pose = Pose { position_m: main.world.body.skin.rest_m[0], ..main.first_core().pose };
@@ -67,9 +63,7 @@ fn hits_that_find_no_room_are_counted() {
 /// A node was left where no state of it is taken: its maker refused it, too, made it again, and stood still.
 #[test]
 fn a_node_that_strays_to_where_no_state_is_taken_is_put_back() {
-    let (station, pages) = founded("strays", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("strays");
     let mut main = engine(&station, &life, &mut inbox);
     let mut now = first_state(&mut main);
     // Nothing but this draws it back.

@@ -143,9 +143,7 @@ const HAND: u64 = 1_500;
 
 #[test]
 fn a_wall_that_is_pressed_and_does_not_fold_is_the_same_to_the_bit() {
-    let (station, pages) = founded("unfolded", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("unfolded");
     let [mut seeing, mut blind] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     be_blind(&mut blind);
     let hand = hyst_scene::load_embedded().unwrap().hand("press").unwrap().clone();

@@ -11,9 +11,7 @@ const STAY: u64 = 300;
 
 /// How deep the polyp's free surface lies in the organ in the mean, m, at most, while the tip pushes it over from a side; `blind`: its nodes meet nobody.
 fn pushed_into_the_wall(name: &str, blind: bool, towards: impl Fn(&World) -> (Vec3, Vec3)) -> f32 {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let mut main = engine(&station, &life, &mut inbox);
     let mut world = main.workshop.make(main.world.body.clone()).unwrap();
     let watched: Vec<u32> = world.points.node[world.points.tool..world.points.own_from].to_vec();

@@ -5,9 +5,7 @@ use super::*;
 /// The record with the current came after the memory was lent by the one before: the first state of a stroke found no room in it, and the process ended.
 #[test]
 fn a_current_that_comes_on_after_the_loan_cuts_from_the_next_step_on() {
-    let (station, pages) = founded("lent", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("lent");
     let mut main = engine(&station, &life, &mut inbox);
     let whole = Arc::clone(&main.world);
     let now = first_state(&mut main);

@@ -33,9 +33,7 @@ struct Swept {
 
 /// The stroke of a hand with its current on, in so many ticks, in a world of a changed case.
 fn swept(name: &str, cramp: impl FnOnce(&mut Case, &Body), ticks: u64, hand: impl Fn(&World, u64) -> InputRecord) -> Swept {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let (mut workshop, world) = Workshop::load(&life).unwrap();
     let world = workshop.cramp(world, cramp);
     let mut main = MainLoop::new(&life, workshop, world).unwrap();
@@ -151,9 +149,7 @@ fn a_piece_for_which_there_is_no_number_is_burnt_and_the_sweep_met_a_limit() {
 
 #[test]
 fn a_cut_of_which_no_model_is_fast_enough_is_left_out_and_counted_and_the_next_ones_are_made() {
-    let (station, pages) = founded("stiff", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("stiff");
     let mut main = engine(&station, &life, &mut inbox);
     let whole = Arc::clone(&main.world);
     let mut now = first_state(&mut main);
@@ -182,9 +178,7 @@ fn a_cut_of_which_no_model_is_fast_enough_is_left_out_and_counted_and_the_next_o
 /// Its maker alone went on from a mesh that all others refused: there was no spare, and no successor got a state.
 #[test]
 fn a_mesh_that_nobody_else_would_take_is_not_gone_on_from() {
-    let (station, _pages) = founded("refused", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, _pages, life, mut inbox) = begun("refused");
     let mut main = engine(&station, &life, &mut inbox);
     let (body, most) = (main.world.body.clone(), main.world.case.room.triangles);
     assert!(main.made(body.clone(), false).is_ok());

@@ -33,9 +33,7 @@ fn apart_m(main: &mut MainLoop<'_>, device: &OwnedPage, (round, beyond_pa): (u64
 
 #[test]
 fn the_walls_go_apart_with_the_pressure_and_together_without_it_and_never_beyond_what_the_mesh_can_follow() {
-    let (station, pages) = founded("medium", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("medium");
     let mut main = engine(&station, &life, &mut inbox);
     let device = &pages[1];
     let rounds = (0..).zip([-2_000.0, -1_000.0, 0.0, 1_000.0, 2_000.0, 9_000.0]);
@@ -48,9 +46,7 @@ fn the_walls_go_apart_with_the_pressure_and_together_without_it_and_never_beyond
 
 #[test]
 fn a_little_pressure_whose_force_is_held_for_a_step_pushes_as_one_does_that_is_a_law() {
-    let (station, pages) = founded("alike", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("alike");
     let mut main = engine(&station, &life, &mut inbox);
     // The last two are on the two sides of what is held.
     let [rest_m, held_m, law_m] = [(0, 0.0), (1, 190.0), (2, 210.0)].map(|round| apart_m(&mut main, &pages[1], round));

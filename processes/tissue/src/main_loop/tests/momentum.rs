@@ -49,9 +49,7 @@ fn momentum(world: &World, velocities_m_s: &[[f32; 3]]) -> (f64, DVec3) {
 
 #[test]
 fn a_polyp_that_moves_has_the_momentum_after_each_cut_that_it_had_before() {
-    let (station, pages) = founded("momentum", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("momentum");
     let mut main = engine(&station, &life, &mut inbox);
     let whole = Arc::clone(&main.world);
     let mut now = first_state(&mut main);

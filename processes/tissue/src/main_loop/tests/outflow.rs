@@ -36,9 +36,7 @@ fn with_body(main: &mut MainLoop<'_>, body: Body) -> Vec<u64> {
 
 #[test]
 fn a_small_piece_leaves_through_the_open_outflow_once_whoever_goes_on_from_which_state() {
-    let (station, pages) = founded("leaves", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("leaves");
     let [mut main, mut successor, mut late] = [(); 3].map(|()| engine(&station, &life, &mut inbox));
     let chips = (1..20).map(|step| parted(&main.world, 0.5e-3 * step as f32));
     let (body, object, _) = chips.into_iter().find(|(body, object, _)| body.volume_of_m3(*object) <= MOST_M3).unwrap();
@@ -92,9 +90,7 @@ fn moved(main: &MainLoop<'_>, mut now: Vec<u64>, object: u32, to_m: Vec3) -> Vec
 
 #[test]
 fn a_large_piece_is_caught_at_the_outflow_while_it_draws_and_goes_along_with_it() {
-    let (station, pages) = founded("caught", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("caught");
     let mut main = engine(&station, &life, &mut inbox);
     let (body, object, _) = parted(&main.world, 0.0);
     assert!(body.volume_of_m3(object) > 2.0 * MOST_M3, "{} m³", body.volume_of_m3(object));

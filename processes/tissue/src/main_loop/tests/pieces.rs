@@ -106,9 +106,7 @@ pub(super) fn parted(world: &World, beyond_m: f32) -> (Body, u32, Vec3) {
 
 #[test]
 fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
-    let (station, pages) = founded("drift", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("drift");
     let mut main = engine(&station, &life, &mut inbox);
     let (body, object, out) = halved(&main.world);
     let world = main.workshop.make(body).unwrap();
@@ -145,9 +143,7 @@ fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
 /// In a medium at rest it comes to the speed at which the drag bears its weight, straight down, and ends on the wall below.
 #[test]
 fn what_is_free_sinks_to_the_posterior_wall_and_stays_there() {
-    let (station, pages) = founded("sinks", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("sinks");
     let mut main = engine(&station, &life, &mut inbox);
     let (body, object, out) = halved(&main.world);
     let world = main.workshop.make(body).unwrap();

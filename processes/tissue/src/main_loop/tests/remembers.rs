@@ -8,9 +8,7 @@ const STEPS_OF_ONE: u64 = 6;
 
 #[test]
 fn a_hand_that_presses_has_the_tets_near_it_looked_for_in_few_of_the_steps() {
-    let (station, pages) = founded("remembers", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("remembers");
     let mut main = engine(&station, &life, &mut inbox);
     let scene = hyst_scene::load_embedded().unwrap();
     let hand = scene.hand("press").unwrap();

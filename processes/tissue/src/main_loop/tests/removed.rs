@@ -53,9 +53,7 @@ fn is_near(found_m3: f64, exact_m3: f64) -> bool {
 
 #[test]
 fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_comes_free_of_it_is_once() {
-    let (station, _pages) = founded("removed", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, _pages, life, mut inbox) = begun("removed");
     let mut main = engine(&station, &life, &mut inbox);
     let world = Arc::clone(&main.world);
     let body = &world.body;
@@ -92,9 +90,7 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
 
 #[test]
 fn a_polyp_that_comes_free_as_a_whole_keeps_its_number_and_is_a_piece_once() {
-    let (station, _pages) = founded("whole", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, _pages, life, mut inbox) = begun("whole");
     let mut main = engine(&station, &life, &mut inbox);
     let world = Arc::clone(&main.world);
     let (body, polyp) = (&world.body, polyp_of(&world));
@@ -181,9 +177,7 @@ fn a_polyp_whose_wall_comes_off_with_its_root_floats_with_it_and_is_counted_once
 
 #[test]
 fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() {
-    let (station, _pages) = founded("kerf", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, _pages, life, mut inbox) = begun("kerf");
     let mut main = engine(&station, &life, &mut inbox);
     let world = Arc::clone(&main.world);
     let (body, polyp, tets) = (&world.body, polyp_of(&world), 0..world.body.rest.tets.len());
@@ -224,9 +218,7 @@ fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() 
 /// A piece is told of by its state, so who looks less often, or takes over, knows of the same.
 #[test]
 fn the_largest_piece_and_what_was_taken_off_the_wall_stay_whoever_goes_on_from_the_state() {
-    let (station, pages) = founded("largest", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("largest");
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let mut now = first_state(&mut main);
     let core = Core { largest_piece_ml: 0.25, healthy_removed_ml: 0.5, ..core_of(&now) };
@@ -246,9 +238,7 @@ fn the_largest_piece_and_what_was_taken_off_the_wall_stay_whoever_goes_on_from_t
 
 #[test]
 fn a_cut_into_the_wall_removes_nothing() {
-    let (station, pages) = founded("wall", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("wall");
     let mut main = engine(&station, &life, &mut inbox);
     let world = Arc::clone(&main.world);
     let (skin, electrode) = (&world.body.skin, world.case.electrode.as_ref().expect("the default instrument has a loop"));

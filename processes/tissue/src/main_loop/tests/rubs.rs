@@ -103,9 +103,7 @@ fn drawn(main: &mut MainLoop<'_>, device: &OwnedPage, own: &hyst_exchange::ReadP
 
 #[test]
 fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue_tells() {
-    let (station, pages) = founded("rubs", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("rubs");
     let mut main = engine(&station, &life, &mut inbox);
     let own = station.read_slot(Slot::first(Role::Tissue), 1).unwrap();
     let Drawn { felt: [back, on], aside, stands_n, end } = drawn(&mut main, &pages[1], &own);

@@ -127,9 +127,7 @@ fn shortened(state: &[u64], sizes: &[usize]) -> Vec<u64> {
 
 #[test]
 fn what_lies_on_tissue_stays_under_half_of_what_friction_holds_and_slides_by_what_is_more() {
-    let (station, pages) = founded("slides", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("slides");
     let mut main = engine_of(&scene("slides"), &station, &life, &mut inbox);
     let share = drag_m_s2(SLOW_M_S) / held_m_s2();
     assert!((0.4..0.6).contains(&share), "it is dragged with {share} of what friction holds");
@@ -151,9 +149,7 @@ fn what_lies_on_tissue_stays_under_half_of_what_friction_holds_and_slides_by_wha
 
 #[test]
 fn who_goes_on_from_a_state_of_tissue_that_sticks_is_rubbed_alike_and_nothing_there_does_harm() {
-    let (station, pages) = founded("sticks", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("sticks");
     let scene = scene("sticks");
     let [mut holder, mut successor] = [(); 2].map(|()| engine_of(&scene, &station, &life, &mut inbox));
     let mut now = lying(&mut holder, &pages[1]);

@@ -91,9 +91,7 @@ const BACK: u64 = 120;
 #[test]
 fn a_tool_whose_place_is_no_number_moves_no_node_anywhere_cuts_nothing_and_is_felt_again() {
     const CUTS: u32 = hyst_messages::BUTTON_ENERGIZED | hyst_messages::BUTTON_EXTENDED;
-    let (station, pages) = founded("no-place", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("no-place");
     let mut main = engine(&station, &life, &mut inbox);
     let scene = hyst_scene::load_embedded().unwrap();
     let (hand, pivot_m) = (scene.hand("press").unwrap(), main.world.case.pivot_m);

@@ -6,9 +6,7 @@ use hyst_messages::{BUTTON_EXTENDED, Controls};
 
 #[test]
 fn a_tool_that_is_nowhere_stays_where_it_was_and_its_state_is_gone_on_from() {
-    let (station, pages) = founded("unfit", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("unfit");
     let mut main = engine(&station, &life, &mut inbox);
     let mut fit = InputRecord { tick: 1, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
     fit.sample.pose = Pose { position_m: [0.0, 0.001, 0.01], ..main.first_core().pose };
@@ -40,9 +38,7 @@ fn a_tool_that_is_nowhere_stays_where_it_was_and_its_state_is_gone_on_from() {
 
 #[test]
 fn a_medium_that_is_no_number_is_none_and_the_hand_beside_it_counts() {
-    let (station, pages) = founded("unsound", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("unsound");
     let mut main = engine(&station, &life, &mut inbox);
     let pressure_pa = main.world.case.rest_pressure_pa + 100.0;
     let mut fit = InputRecord { tick: 1, pressure_pa, ..InputRecord::default() };
