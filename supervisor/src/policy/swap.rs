@@ -87,7 +87,7 @@ pub struct Swap {
     /// The newcomer was told to go.
     dismissed: bool,
     losses: u32,
-    /// It was compared for long enough on this probation, and agrees; asked of a role that has a judge.
+    /// It was compared for long enough on this probation, also at its end, and agrees; asked of a role that has a judge.
     agrees: bool,
     /// The hand has felt something on this probation.
     touched: bool,
@@ -129,6 +129,10 @@ impl Swap {
         if self.tried_ns == 0 {
             (self.touched, self.trial_ns) = (false, now_ns);
         }
+    }
+    /// Whether it has been on probation for as long as its role asks.
+    fn is_tried(&self, now_ns: u64) -> bool {
+        self.tried_ns + now_ns.saturating_sub(self.since_ns) >= probation_ns(self.role())
     }
     /// Whether the newcomer is to give the role back for now.
     pub fn is_given_back(&self) -> bool {
@@ -219,8 +223,9 @@ pub(super) fn agreed(now_ns: u64, incarnation: u32, state: &mut State) -> Vec<Ac
             swap.enter(now_ns, Stage::Promoting);
             vec![Action::Told { role, stage: Told::Trial, incarnation }]
         }
+        // What was compared before its end does not tell that it still works then.
         Stage::Probation => {
-            swap.agrees = true;
+            swap.agrees |= swap.is_tried(now_ns);
             Vec::new()
         }
         _ => Vec::new(),
@@ -328,7 +333,7 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
         Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::Missed, "it did not take the role"), state)
         }
-        Stage::Probation if swap.agrees && swap.tried_ns + passed_ns >= probation_ns(role) && !swap.waits_for_touch(now_ns) => {
+        Stage::Probation if swap.agrees && swap.is_tried(now_ns) && !swap.waits_for_touch(now_ns) => {
             settle::begin(now_ns, &swap, state)
         }
         Stage::Probation if passed_ns > PROVE_WITHIN_NS => {

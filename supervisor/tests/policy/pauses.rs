@@ -61,8 +61,10 @@ fn a_tissue_gives_the_role_back_for_as_long_as_something_is_cut_and_the_time_tha
     assert_eq!(step(8 + half_ns, CUTS, &mut state), [], "the old engine does");
     let again_ns = 9 + 3 * half_ns;
     assert_eq!(step(again_ns, AGREED, &mut state), [told(Stage::Trial)]);
-    for event in [holds(NEWCOMER), AGREED, Event::Touched { incarnation: NEWCOMER }] {
-        assert_eq!(step(again_ns, event, &mut state), []);
+    for (event, at_ns) in
+        [(holds(NEWCOMER), again_ns), (Event::Touched { incarnation: NEWCOMER }, again_ns), (AGREED, again_ns + half_ns)]
+    {
+        assert_eq!(step(at_ns, event, &mut state), []);
     }
     let mut is_settled = |now_ns: u64| step(now_ns, Event::Tick, &mut state).contains(&Action::Adopt { role: ROLE });
     assert_eq!([half_ns - 1, half_ns].map(|more_ns| is_settled(again_ns + more_ns)), [false, true]);

@@ -204,7 +204,7 @@ mod by_hand {
         step(4, newcomer.clone(), &mut state); // the old engine felt that
         step(4, Event::Agreed { incarnation: 3 }, &mut state);
         step(5, Event::Holds { role, incarnation: 3 }, &mut state);
-        step(6, Event::Agreed { incarnation: 3 }, &mut state);
+        step(5 + probation_ns(role), Event::Agreed { incarnation: 3 }, &mut state);
         assert_eq!(settled_in_touch(5 + probation_ns(role), &mut state), None);
         let mut touched = state.clone();
         step(5 + probation_ns(role), newcomer, &mut touched);
@@ -221,6 +221,8 @@ mod by_hand {
         assert_eq!(step(now_ns, Event::Tick, &mut state.clone()), [], "not before it was compared");
         assert_eq!(step(now_ns - 1, Event::Agreed { incarnation: 3 }, &mut state), []);
         assert_eq!(step(now_ns - 1, Event::Tick, &mut state), [], "still on probation");
+        assert_eq!(step(now_ns, Event::Tick, &mut state), [], "it may hang since then");
+        assert_eq!(step(now_ns, Event::Agreed { incarnation: 3 }, &mut state), []);
         let actions = step(now_ns, Event::Tick, &mut state);
         let settled = Action::Told { role, stage: Stage::Settled, incarnation: 3 };
         assert_eq!(
@@ -256,8 +258,8 @@ mod by_hand {
     fn a_guest_stays_until_every_other_slot_is_ready_and_not_for_ever() {
         let ([first, second, guest], role) = (tissues(), Role::Tissue);
         let mut state = on_probation();
-        step(6, Event::Agreed { incarnation: 3 }, &mut state);
         let mut now_ns = 5 + probation_ns(role);
+        step(now_ns, Event::Agreed { incarnation: 3 }, &mut state);
         step(now_ns, Event::Tick, &mut state);
         for (slot, old, new) in [(second, 2, 4), (first, 1, 5)] {
             step(now_ns, Event::Died { slot, incarnation: old, exit: Exit::Signal(9) }, &mut state);
@@ -320,11 +322,12 @@ mod by_hand {
     fn one_that_leaves_nothing_to_compare_is_undone_and_what_it_agreed_in_before_it_lost_the_role_does_not_count() {
         let role = Role::Tissue;
         let mut state = on_probation();
-        step(6, Event::Agreed { incarnation: 3 }, &mut state);
-        step(7, Event::Holds { role, incarnation: 1 }, &mut state);
-        step(8, Event::Holds { role, incarnation: 3 }, &mut state);
-        assert_eq!(step(8 + probation_ns(role), Event::Tick, &mut state), []);
-        let actions = step(9 + PROVE_WITHIN_NS, Event::Tick, &mut state);
+        let lost_ns = 5 + probation_ns(role);
+        step(lost_ns, Event::Agreed { incarnation: 3 }, &mut state);
+        step(lost_ns, Event::Holds { role, incarnation: 1 }, &mut state);
+        step(lost_ns + 1, Event::Holds { role, incarnation: 3 }, &mut state);
+        assert_eq!(step(lost_ns + 1 + probation_ns(role), Event::Tick, &mut state), []);
+        let actions = step(lost_ns + 2 + PROVE_WITHIN_NS, Event::Tick, &mut state);
         assert!(
             matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.cause == Cause::NotCompared),
             "{actions:?}"
