@@ -2,7 +2,8 @@
 //!
 //! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that hold are not solid until they are as
 //! far apart again as when they took hold, so that nothing is pressed out from between them or thrown by them; what slips, or is no tissue any more, is let
-//! go; and jaws that open let go, be it ever so slowly: at once, or where they no longer touch what they took hold of.
+//! go, by how far it has been drawn from its pad in a step, and not by how far the pad goes in the next one; and jaws that open let go, be it ever so slowly:
+//! at once, or where they no longer touch what they took hold of.
 
 use crate::contacts::STIFFNESS_N_M3;
 use crate::state::Core;
@@ -16,7 +17,7 @@ use hyst_messages::{Controls, Pose};
 use hyst_tissue::{Hold, gather};
 use std::ops::Range;
 
-/// What has been drawn so far from its pad slips out, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
+/// What a step leaves so far from its pad slips out in the next one, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
 const SLIP_M: f32 = 1.5e-3;
 /// Jaws that are farther apart than a step before by more than this open, m: more than a hand trembles, or two steps of a converter of 10 bits are.
 const OPENS_M: f32 = 2e-5;
@@ -64,14 +65,8 @@ pub struct Grasp {
 }
 
 impl Grasp {
-    /// Goes on with what a state holds in a step in which the tool is at a pose and its jaws are so far apart; gives how the jaws stand in it.
-    pub fn go_on(
-        &mut self,
-        world: &World,
-        (section, before): (&[u8], &Core),
-        (pose, apart_m): (&Pose, f32),
-        positions_m: &[[f32; 3]],
-    ) -> Stand {
+    /// Goes on with what a state holds in a step in which the jaws are so far apart; gives how they stand in it.
+    pub fn go_on(&mut self, world: &World, (section, before): (&[u8], &Core), apart_m: f32, positions_m: &[[f32; 3]]) -> Stand {
         self.grips.clear();
         (self.apart_m, self.hold_m) = (apart_m, 0.0);
         let tool = &world.case.tool;
@@ -79,7 +74,8 @@ impl Grasp {
             return Stand::default();
         }
         if apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M) {
-            let at = pad_placer(tool, pose);
+            // Where the pads were in the state: its tissue was drawn to there.
+            let at = pad_placer(tool, &before.pose);
             let is_near = |grip: &Grip| {
                 let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
                 at(grip.pad).zip(point).is_some_and(|(pad, point)| pad.distance(point) <= SLIP_M)

@@ -20,7 +20,7 @@ impl MainLoop<'_> {
             return Ok([before.loop_m, hand.loop_m].map(Stand::of_loop));
         }
         let stood = Stand { solid_m: (before.hold_m == 0.0).then_some(before.loop_m), looks: false };
-        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), (&hand.pose, hand.loop_m), positions_m);
+        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), hand.loop_m, positions_m);
         Ok([stood, stands])
     }
 }

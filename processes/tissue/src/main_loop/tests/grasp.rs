@@ -19,6 +19,14 @@ const LOOSE_M: f32 = 1e-4;
 /// How fast the hand goes back with what it holds, m/s, and for how many ticks.
 const BACK_M_S: f32 = 0.02;
 const BACK: u64 = 250;
+/// A fast hand, m/s, which goes back by more in a step of four ticks than what is held may be drawn from its pad; steps for which it does, with what nothing
+/// holds, and at most with what grows on the wall.
+const FAST_M_S: f32 = 0.5;
+const FAST_STEPS: u64 = 6;
+const MOST_STEPS: u64 = 20;
+/// Ticks of which no input comes, and how fast the hand goes on meanwhile, m/s: likewise by more than that.
+const GAP: u64 = 20;
+const ON_M_S: f32 = 0.1;
 /// How far jaws roll in a tick, rad, and how fast the pads at their sides go then at least, m/s.
 const ROLL_RAD: f32 = 2e-3;
 const AROUND_M_S: f32 = 5e-4;
@@ -64,6 +72,21 @@ fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u
         assert!(step > 0 || held == 0, "{held} points are held by jaws that do not close");
     }
     (now, middle_m, SINKS + ticks + 2)
+}
+
+/// The same once what they hold is lifted off the wall below, to the height of the pivot, at the speed of a hand.
+fn lifted(
+    main: &mut MainLoop<'_>,
+    device: &OwnedPage,
+    (mut now, mut middle_m, mut tick): (Vec<u64>, Vec3, u64),
+) -> (Vec<u64>, Vec3, u64) {
+    let (world, step_ticks) = (Arc::clone(&main.world), main.step_ticks());
+    while middle_m.y < 0.0 {
+        middle_m.y = (middle_m.y + 1e-3 * BACK_M_S * step_ticks as f32).min(0.0);
+        now = fed(main, device, &now, &at(&world, tick, (middle_m, 0.0), (0.0, IN_M)));
+        tick += step_ticks;
+    }
+    (now, middle_m, tick)
 }
 
 /// Jaws that have closed on a place and roll on the spot draw what each pad holds around their axis.
@@ -182,6 +205,48 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
         "let go, the tissue still pulls: {:?}",
         core_of(&now).force_n
     );
+}
+
+#[test]
+fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_does() {
+    let (station, pages) = founded_with(4, "fast", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let (world, object) = (Arc::clone(&main.world), piece(&main.world));
+    let closed = closed_on(&mut main, &pages[1], object);
+    let (gripped, gripped_m, tick) = lifted(&mut main, &pages[1], closed);
+    let (held, back) = (core_of(&gripped).held, gripped_m.normalize());
+    assert!(held >= 3, "{held} points are held");
+    let back_by = |way_m: f32, tick: u64, m_s: f32| at(&world, tick, (gripped_m - way_m * back, 0.0), (-m_s, IN_M));
+
+    let mut now = gripped.clone();
+    for step in 1..=FAST_STEPS {
+        now = fed(&mut main, &pages[1], &now, &back_by(4e-3 * FAST_M_S * step as f32, tick + 4 * (step - 1), FAST_M_S));
+        assert_eq!(core_of(&now).held, held, "after {step} steps with {FAST_M_S} m/s");
+    }
+    let came_m = sunk(&main, &gripped, object).1.distance(sunk(&main, &now, object).1);
+    let went_m = 4e-3 * FAST_M_S * FAST_STEPS as f32;
+    assert!((came_m - went_m).abs() < 0.3 * went_m, "the piece came by {came_m} of {went_m} m");
+
+    let mut now = gripped.clone();
+    for step in 0..3 {
+        now = fed(&mut main, &pages[1], &now, &back_by(1e-3 * ON_M_S * GAP as f32, tick + GAP + 4 * step, ON_M_S));
+        assert_eq!(core_of(&now).held, held, "{GAP} ticks were lost, {step} steps ago");
+    }
+
+    let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
+    let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
+    let (held, back, mut steps) = (core_of(&now).held, middle_m.normalize(), 0);
+    assert!(held >= 3, "{held} points of the polyp are held");
+    while core_of(&now).held > 0 {
+        (middle_m, steps, tick) = (middle_m - 4e-3 * FAST_M_S * back, steps + 1, tick + 4);
+        assert!(steps <= MOST_STEPS, "it holds for ever");
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (-FAST_M_S, IN_M)));
+    }
+    println!("{held} points of the polyp slip after {steps} steps");
+    assert!(steps > 1, "it slips before the tissue was drawn at all");
+    drop(main);
 }
 
 #[test]
