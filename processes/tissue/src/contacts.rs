@@ -91,6 +91,8 @@ pub struct ToolMotion<'a> {
     pub back: [f32; 3],
     /// How it is turned.
     pub orientation: [f32; 4],
+    /// Objects that its jaws do not meet, because they lie between them.
+    pub spared: &'a [u32],
 }
 
 /// Tissue as the contact crate sees it.
@@ -211,6 +213,9 @@ impl Contacts {
         self.pair_owners.clear();
         for found in &self.found[..found] {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
+            if tool.spares(world, found.point, tissue.tet_owner.get(found.tet as usize)) {
+                continue;
+            }
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
             let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
@@ -332,6 +337,11 @@ impl Contacts {
         }
         // The face that is nearest to a point that is held is the wrong one.
         self.through.held().iter().for_each(|point| self.gaps[*point as usize] = Gap::FAR);
+        for (point, gap) in (0..).zip(&mut self.gaps) {
+            if tool.spares(world, point, world.topology.boundary_owner.get(gap.triangle as usize)) {
+                *gap = Gap::FAR;
+            }
+        }
         let input = PlaneInput {
             contacts: &self.forces,
             gaps: &self.gaps,

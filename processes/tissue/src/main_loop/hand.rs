@@ -8,6 +8,7 @@ use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
 use crate::tool::Stand;
+use crate::world::World;
 use hyst_engine::{Stateful, StepContext};
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
@@ -37,17 +38,19 @@ pub(super) struct Hand {
 }
 
 impl Hand {
-    /// The tool's points as they move from where they were in the state that is read, which has used the input of a tick; the way back is that to the pivot.
+    /// The tool's points as they move from where they were in the state that is read, which has used the input of a tick; its jaws do not meet what is spared, and
+    /// the way back is that to the pivot.
     pub(super) fn motion<'a>(
         &self,
-        pivot_m: [f32; 3],
-        points_m: &'a [[f32; 3]],
+        world: &World,
+        (points_m, spared): (&'a [[f32; 3]], &'a [u32]),
         (pose, stood, told_tick): (&'a Pose, Stand, u64),
         dt_s: f32,
     ) -> ToolMotion<'a> {
-        let (tip_m, since_s) = (self.pose.position_m, since_s(told_tick, self.input_tick, dt_s));
-        let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, before: (pose, stood), since_s, way_share: 1.0, tip_m, back, orientation: self.pose.orientation }
+        let Pose { position_m: tip_m, orientation, .. } = self.pose;
+        let (before, since_s) = ((pose, stood), since_s(told_tick, self.input_tick, dt_s));
+        let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - tip_m[axis]);
+        ToolMotion { points_m, before, since_s, way_share: 1.0, tip_m, back, orientation, spared }
     }
 
     /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.
