@@ -30,8 +30,9 @@ const TISSUE_STIFFNESS_N_M3: f32 = 1.0e7;
 const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 /// No tool point is taken deeper than this, m: a thick wall.
 const MAX_DEPTH_M: f32 = 0.02;
-/// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons.
-const MAX_LOOP_DEPTH_M: f32 = 0.003;
+/// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons, which grow
+/// from nothing once it is cold ([`ToolMotion::soft_m`]).
+pub const MAX_LOOP_DEPTH_M: f32 = 0.003;
 /// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
 const MAX_HELD_DEPTH_M: f32 = 3e-4;
 /// Nothing sticks to the tool, or to other tissue, over a longer way, m.
@@ -93,6 +94,8 @@ pub struct ToolMotion<'a> {
     pub orientation: [f32; 4],
     /// Objects that its jaws do not meet, because they lie between them.
     pub spared: &'a [u32],
+    /// How much less deep than that a loop is pushed out from, because it cuts or has just cut, m: up to all of it.
+    pub soft_m: f32,
 }
 
 /// Tissue as the contact crate sees it.
@@ -232,7 +235,7 @@ impl Contacts {
                 let is_loop = found.point as usize >= world.case.tool.shaft;
                 let most_m = match found.source == Source::Held as u32 {
                     true => MAX_HELD_DEPTH_M,
-                    false if is_loop => MAX_LOOP_DEPTH_M,
+                    false if is_loop => MAX_LOOP_DEPTH_M - tool.soft_m,
                     false => MAX_DEPTH_M,
                 };
                 let depth_m = found.depth_m.min(most_m);

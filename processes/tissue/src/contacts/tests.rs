@@ -45,6 +45,7 @@ fn met(world: &World, [before, now]: [&Pose; 2]) -> Vec<(Vec3, Vec3)> {
         back,
         orientation,
         spared: &[],
+        soft_m: 0.0,
     };
     let mut contacts = Contacts::new(world);
     let mut memory = vec![Memory::default(); world.points.tool];
