@@ -185,6 +185,7 @@ impl Knife {
         tissue.velocity_m_s.clear();
         tissue.velocity_m_s.extend_from_slice(velocity_m_s);
         copy_all(tissue, &world.body);
+        world.note_tied(&mut tissue.keeps_place);
         let cut = cut_and_bind(tissue, wire_m, &options(&world.case.room), bind);
         let cut = cut.inspect_err(|_| self.tissue.wire.clear())?;
         if !cut.report.has_changed() {
