@@ -30,8 +30,9 @@ const TISSUE_STIFFNESS_N_M3: f32 = 1.0e7;
 const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 /// No tool point is taken deeper than this, m: a thick wall.
 const MAX_DEPTH_M: f32 = 0.02;
-/// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons.
-const MAX_LOOP_DEPTH_M: f32 = 0.003;
+/// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons, which grow
+/// from nothing once it is cold ([`ToolMotion::soft_m`]).
+pub const MAX_LOOP_DEPTH_M: f32 = 0.003;
 /// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
 const MAX_HELD_DEPTH_M: f32 = 3e-4;
 /// Nothing sticks to the tool, or to other tissue, over a longer way, m.
@@ -91,6 +92,10 @@ pub struct ToolMotion<'a> {
     pub back: [f32; 3],
     /// How it is turned.
     pub orientation: [f32; 4],
+    /// Objects that its jaws do not meet, because they lie between them.
+    pub spared: &'a [u32],
+    /// How much less deep than that a loop is pushed out from, because it cuts or has just cut, m: up to all of it.
+    pub soft_m: f32,
 }
 
 /// Tissue as the contact crate sees it.
@@ -211,6 +216,9 @@ impl Contacts {
         self.pair_owners.clear();
         for found in &self.found[..found] {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
+            if tool.spares(world, found.point, tissue.tet_owner.get(found.tet as usize)) {
+                continue;
+            }
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
             let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
@@ -227,7 +235,7 @@ impl Contacts {
                 let is_loop = found.point as usize >= world.case.tool.shaft;
                 let most_m = match found.source == Source::Held as u32 {
                     true => MAX_HELD_DEPTH_M,
-                    false if is_loop => MAX_LOOP_DEPTH_M,
+                    false if is_loop => MAX_LOOP_DEPTH_M - tool.soft_m,
                     false => MAX_DEPTH_M,
                 };
                 let depth_m = found.depth_m.min(most_m);
@@ -332,6 +340,11 @@ impl Contacts {
         }
         // The face that is nearest to a point that is held is the wrong one.
         self.through.held().iter().for_each(|point| self.gaps[*point as usize] = Gap::FAR);
+        for (point, gap) in (0..).zip(&mut self.gaps) {
+            if tool.spares(world, point, world.topology.boundary_owner.get(gap.triangle as usize)) {
+                *gap = Gap::FAR;
+            }
+        }
         let input = PlaneInput {
             contacts: &self.forces,
             gaps: &self.gaps,

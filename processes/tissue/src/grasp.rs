@@ -1,10 +1,12 @@
 //! What the jaws hold: points of the tissue that both of them met when they closed, each drawn to where its pad is, until they open or it slips out.
 //!
-//! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that hold are not solid until they are as
-//! far apart again as when they took hold, so that nothing is pressed out from between them or thrown by them; what slips, or is no tissue any more, is let
-//! go; and jaws that open let go, be it ever so slowly: at once, or where they no longer touch what they took hold of.
+//! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that have taken hold stand as far apart as
+//! then, as one sees them, until they have opened so far again, and so long what they took hold of, unless it is an organ, meets their pads alone: nothing is
+//! pressed out from between them or thrown by them, and all else meets them where they stand. What slips, or is no tissue any more, is let go: by how far it
+//! has been drawn from its pad in a step, and not by how far the pad goes in the next one. And jaws that open let go, be it ever so slowly: at once, or where
+//! they no longer touch what they took hold of.
 
-use crate::contacts::STIFFNESS_N_M3;
+use crate::contacts::{STIFFNESS_N_M3, ToolMotion};
 use crate::state::Core;
 use crate::through::velocity_m_s;
 use crate::tool::{Stand, Tool};
@@ -12,27 +14,37 @@ use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use hyst_contact::{Hit, NONE};
+use hyst_messages::stream::ObjectKind;
 use hyst_messages::{Controls, Pose};
 use hyst_tissue::{Hold, gather};
 use std::ops::Range;
 
-/// What has been drawn so far from its pad slips out, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
+/// What a step leaves so far from its pad slips out in the next one, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
 const SLIP_M: f32 = 1.5e-3;
 /// Jaws that are farther apart than a step before by more than this open, m: more than a hand trembles, or two steps of a converter of 10 bits are.
 const OPENS_M: f32 = 2e-5;
 /// Jaws that are farther apart than when they took hold by more than this have opened, however slowly, m: what both of them touched then lies loose.
 const OPENED_M: f32 = 1e-4;
 
-/// A point that is held, as the state has it.
+/// Added to the number of a pad that has let go of what lies between the jaws still.
+const LET_GO: u32 = 1 << 31;
+
+/// A point that is held, or was and lies between the jaws still, as the state has it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Grip {
-    /// The pad that holds it, counted from 1; 0 for none.
+    /// The pad that holds it, counted from 1; with the highest bit, the one that has let go of it. 0 for none.
     pub pad: u32,
     /// Nodes of the tet that it lies in.
     pub nodes: [u32; 4],
     /// Its weights there, 0 to 1 with the sum 1.
     pub weights: [f32; 4],
+}
+
+impl Grip {
+    fn is_held(&self) -> bool {
+        self.pad & LET_GO == 0
+    }
 }
 
 /// Bytes of what jaws hold at most.
@@ -46,8 +58,8 @@ pub fn apart_m(tool: &Tool, controls: &Controls, before_m: f32) -> f32 {
     Some(controls.loop_extension_m).filter(|apart_m| apart_m.is_finite()).unwrap_or(before_m).clamp(0.0, most_m)
 }
 
-/// What a section of a state says that is held; nothing of what makes no sense.
-fn held(section: &[u8]) -> impl Iterator<Item = Grip> {
+/// What a section of a state says that is held, or was; nothing of what makes no sense.
+fn known(section: &[u8]) -> impl Iterator<Item = Grip> {
     let grips = section.chunks_exact(size_of::<Grip>()).map(bytemuck::pod_read_unaligned::<Grip>);
     grips.filter(|grip| grip.pad > 0 && grip.weights.iter().all(|weight| (0.0..=1.0).contains(weight)))
 }
@@ -55,54 +67,66 @@ fn held(section: &[u8]) -> impl Iterator<Item = Grip> {
 /// What the jaws hold in a step.
 #[derive(Debug, Default)]
 pub struct Grasp {
+    /// What they hold, and what they have let go of and not opened for since.
     grips: Vec<Grip>,
     holds: Vec<Hold>,
-    /// How far the jaws are apart, m.
+    /// How far the jaws are to be apart, m.
     apart_m: f32,
-    /// How far they were when they took hold, m; 0 for solid ones.
+    /// How far they were when they took hold, m, which they are at least until they have opened so far again; 0 of such that have.
     hold_m: f32,
+    /// Whether the pads look what lies between the jaws.
+    looks: bool,
 }
 
 impl Grasp {
-    /// Goes on with what a state holds in a step in which the tool is at a pose and its jaws are so far apart; gives how the jaws stand in it.
-    pub fn go_on(
-        &mut self,
-        world: &World,
-        (section, before): (&[u8], &Core),
-        (pose, apart_m): (&Pose, f32),
-        positions_m: &[[f32; 3]],
-    ) -> Stand {
+    /// Goes on with what a state holds in a step in which the jaws are to be so far apart; gives how they stand in it.
+    pub fn go_on(&mut self, world: &World, (section, before): (&[u8], &Core), apart_m: f32, positions_m: &[[f32; 3]]) -> Stand {
         self.grips.clear();
-        (self.apart_m, self.hold_m) = (apart_m, 0.0);
+        (self.apart_m, self.hold_m, self.looks) = (apart_m, 0.0, false);
         let tool = &world.case.tool;
         if tool.jaws().is_none() {
             return Stand::default();
         }
-        if apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M) {
-            let at = pad_placer(tool, pose);
-            let is_near = |grip: &Grip| {
-                let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
-                at(grip.pad).zip(point).is_some_and(|(pad, point)| pad.distance(point) <= SLIP_M)
-            };
-            self.grips.extend(held(section).filter(is_near));
-        }
-        if !self.grips.is_empty() || apart_m < before.hold_m {
+        let stays_shut = apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M);
+        // Where the pads were in the state: its tissue was drawn to there.
+        let at = pad_placer(tool, &before.pose);
+        let is_near = |grip: &Grip| {
+            let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
+            at(grip.pad).zip(point).is_some_and(|(pad, point)| pad.distance(point) <= SLIP_M)
+        };
+        let gone_on = |grip: Grip| if stays_shut && is_near(&grip) { grip } else { Grip { pad: grip.pad | LET_GO, ..grip } };
+        self.grips.extend(known(section).map(gone_on));
+        if self.grips.iter().any(Grip::is_held) || apart_m < before.hold_m {
             self.hold_m = before.hold_m;
-            return Stand::default();
+        } else {
+            self.grips.clear();
+            self.looks = apart_m < before.loop_m;
         }
-        Stand { solid_m: Some(apart_m), looks: apart_m < before.loop_m }
+        Stand { solid_m: Some(apart_m.max(self.hold_m)), looks: self.looks }
     }
 
-    /// Lets go of what is no tissue of a world any more.
-    pub fn keep_tissue(&mut self, world: &World) {
+    /// Forgets what is no tissue of a world any more. Gives the objects between the jaws that meet their pads alone: all but organs, which are around the jaws,
+    /// too, and go on being met as they were when the jaws took hold.
+    pub fn keep_tissue(&mut self, world: &World) -> Vec<u32> {
         let object = |node: &u32| world.points.of_tets.object_of.get(*node as usize).copied().unwrap_or(NONE);
         self.grips.retain(|grip| grip.nodes.iter().all(|node| object(node) != NONE));
+        let is_organ = |object: &u32| {
+            let record = world.objects.get(*object as usize);
+            record.is_some_and(|record| record.kind == ObjectKind::Organ as u32)
+        };
+        let between = self.grips.iter().map(|grip| object(&grip.nodes[0]));
+        let mut spared: Vec<u32> = between.filter(|object| !is_organ(object)).collect();
+        spared.sort_unstable();
+        spared.dedup();
+        spared
     }
 
-    /// Takes hold of the tissue that pads which look were found in, draws what is held to where the pads are of a tool that came from one pose to another in
+    /// Takes hold of the tissue that pads were found in, if they look; draws what is held to where the pads are of a tool that came from one pose to another in
     /// some time, s, and writes it into its section.
-    pub fn act(&mut self, world: &World, seen: &[Hit], (poses, since_s): ([&Pose; 2], f32), section: &mut [u8]) {
-        self.take(world, seen);
+    pub fn act(&mut self, world: &World, hits: &[Hit], (poses, since_s): ([&Pose; 2], f32), section: &mut [u8]) {
+        if self.looks {
+            self.take(world, hits);
+        }
         self.hold(&world.case.tool, poses, since_s);
         section.fill(0);
         for (place, grip) in section.chunks_exact_mut(size_of::<Grip>()).zip(&self.grips) {
@@ -134,7 +158,7 @@ impl Grasp {
         self.holds.clear();
         let [before, now] = poses.map(|pose| pad_placer(tool, pose));
         let stiffness_n_m = STIFFNESS_N_M3 * tool.jaws().map_or(0.0, |jaws| jaws.pad_area_m2);
-        for grip in &self.grips {
+        for grip in self.grips.iter().filter(|grip| grip.is_held()) {
             if let Some((from, place)) = before(grip.pad).zip(now(grip.pad)) {
                 let (nodes, weights, place_m) = (grip.nodes, grip.weights, place.to_array());
                 let velocity_m_s = velocity_m_s(from.to_array(), place_m, since_s);
@@ -150,12 +174,21 @@ impl Grasp {
 
     /// How many points are held, and how far the jaws were apart when they took hold, m.
     pub fn held(&self) -> (usize, f32) {
-        (self.grips.len(), self.hold_m)
+        (self.grips.iter().filter(|grip| grip.is_held()).count(), self.hold_m)
     }
 
     /// Objects of which something is held.
     pub fn objects<'a>(&'a self, world: &'a World) -> impl Iterator<Item = u32> + 'a {
-        self.grips.iter().filter_map(|grip| world.points.of_tets.object_of.get(grip.nodes[0] as usize).copied())
+        let held = self.grips.iter().filter(|grip| grip.is_held());
+        held.filter_map(|grip| world.points.of_tets.object_of.get(grip.nodes[0] as usize).copied())
+    }
+}
+
+impl ToolMotion<'_> {
+    /// Whether a point of the tool does not meet an object: a jaw does not meet what lies between the jaws.
+    pub fn spares(&self, world: &World, point: u32, object: Option<&u32>) -> bool {
+        let tool = &world.case.tool;
+        (tool.shaft..tool.pads).contains(&(point as usize)) && object.is_some_and(|object| self.spared.contains(object))
     }
 }
 

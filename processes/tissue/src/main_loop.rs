@@ -267,7 +267,7 @@ impl Stateful for MainLoop<'_> {
         let context = &StepContext { holding: context.holding && !change.is_any(), ..*context };
         let (positions, velocities) = if change.is_cut { self.knife.moved() } else { (positions, velocities) };
         let world = &*self.world;
-        self.grasp.keep_tissue(world);
+        let spared = self.grasp.keep_tissue(world);
         let header = StreamHeader { input_tick: hand.input_tick, topology_version: world.version, ..*message.header() };
         let sections = sections(world, self.knife.stroke_bytes());
         let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, next_stuck, ..] =
@@ -285,11 +285,10 @@ impl Stateful for MainLoop<'_> {
 
         // Response: contacts as springs for the deformation, the fluid's pressure as forces or as a law.
         let (table, dt_s, hits) = (self.collision.table()?, context.step_ticks as f32 * 1e-3, self.collision.hits());
-        let tool = hand.motion(world.case.pivot_m, &self.points_m, (&before.pose, stood, message.header().input_tick), dt_s);
+        let tool = hand.motion(world, (&self.points_m, &spared), (&before.pose, stood, message.header().input_tick), dt_s);
         let passage = Passage { hash: &table, velocities_m_s: velocities, dt_s };
         self.contacts.meet(world, hits, (&tool, &passage), positions, (bytemuck::cast_slice_mut(memory), stuck_of(&message)))?;
-        let seen = if stands.looks { hits } else { &[] };
-        self.grasp.act(world, seen, ([&before.pose, &hand.pose], tool.since_s), next_grasp);
+        self.grasp.act(world, hits, ([&before.pose, &hand.pose], tool.since_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
         let pressure = medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();

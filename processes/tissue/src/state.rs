@@ -52,7 +52,8 @@ pub struct Core {
     pub held: u32,
     /// Pieces that were taken out in the jaws, so far.
     pub taken_out: u32,
-    /// How far the jaws were apart when they took hold, m; not solid until they are that again. 0 for solid ones.
+    /// How far the jaws were apart when they took hold, m, which they are at least until they have opened so far again; 0 of such that have. Of a loop how much
+    /// less deep than a cold one it is pushed out from, because it cuts or has just cut.
     pub hold_m: f32,
     /// Sweeps of the electrode that met a limit of the mesh or were refused, so far.
     pub cut_limits: u32,

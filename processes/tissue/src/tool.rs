@@ -1,6 +1,6 @@
 //! The tool: the rigid object as points, with the area that each stands for and the edges between them. Its shaft comes first, then its working element: a
-//! loop electrode, which is solid only while it is out of its sheath and there is no current in it, for with current it cuts; or jaws, which are solid
-//! as long as they hold nothing, and then their pads, which look what lies between them.
+//! loop electrode, which is solid only while it is out of its sheath and there is no current in it, for with current it cuts; or jaws, which are
+//! solid wherever they stand, and then their pads, which look what lies between them.
 
 use glam::{Quat, Vec3};
 use hyst_contact::PointGraph;
@@ -42,7 +42,7 @@ pub struct Tool {
 /// How the tool's working element stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stand {
-    /// How far a loop is out, or jaws are apart, m; `None` where nothing of it is solid.
+    /// How far a loop is out, or jaws are apart, m; `None` where nothing of it is solid, which jaws always are.
     pub solid_m: Option<f32>,
     /// Whether the pads look what lies between the jaws.
     pub looks: bool,
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn jaws_open_about_their_hinge_to_both_sides_and_are_nowhere_while_they_hold() {
+    fn jaws_open_about_their_hinge_to_both_sides_and_their_pads_are_there_while_they_look() {
         let scene = hyst_scene::load(&crate::grasper_scene()).unwrap();
         let (rigid, jaws) = (&scene.rigid[0], scene.rigid[0].jaws.as_ref().unwrap());
         let tool = Tool::of(rigid);

@@ -94,7 +94,13 @@ pub static CONTENTS: [Content; 8] = [
                 "words of the stroke",
                 "the wire's way while it cuts: nothing, or what processes/tissue/src/knife.rs writes",
             ),
-            records("Grip", "processes/tissue/src/grasp.rs", 36, "points between the jaws", "what they hold"),
+            records(
+                "Grip",
+                "processes/tissue/src/grasp.rs",
+                36,
+                "points between the jaws",
+                "what they hold, or held and have not let out yet",
+            ),
             records(
                 "Stuck",
                 "processes/tissue/src/contacts/stuck.rs",

@@ -49,7 +49,7 @@ pub struct TissueStatus {
     pub washed_out_ml: f32,
     /// Points of tissue that the jaws hold.
     pub held: u32,
-    /// How far the jaws were apart when they took hold, m; 0 while they are solid.
+    /// How far the jaws were apart when they took hold, m, and are at least until they have opened so far again; 0 of such that have.
     pub hold_m: f32,
     /// Pieces that were taken out in the jaws, so far.
     pub taken_out: u32,

@@ -54,6 +54,8 @@ pub struct Cuttable {
     pub material: Vec<u32>,
     /// Whether a node is held in its place; a node on an edge between two held ones is held.
     pub fixed: Vec<bool>,
+    /// Whether a node that is free keeps its place at rest, because somebody knows it by that; none behind the end. A sheet that comes near it goes through it.
+    pub keeps_place: Vec<bool>,
     /// Unit normal of the sheet, in the shape at rest, at each node that it runs through; 0 at all others.
     pub marks: Vec<[f32; 3]>,
     /// Where the wire was last in this stroke; empty before it begins.
@@ -224,6 +226,7 @@ impl Cuttable {
             velocity_m_s: vec![[0.0; 3]; nodes],
             material: Vec::new(),
             fixed: vec![false; nodes],
+            keeps_place: Vec::new(),
             marks: vec![[0.0; 3]; nodes],
             wire: Vec::new(),
             skin: Skin::default(),

@@ -276,6 +276,8 @@ impl Press {
             tip_m: pose.position_m,
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
             orientation: pose.orientation,
+            spared: &[],
+            soft_m: 0.0,
         };
         let (positions_m, velocities_m_s, hits) = (&input.positions_m, &self.velocities_m_s, &self.hits[..found]);
         let (table, dt_s) = (HashRef::in_words(&input.table).map_err(text)?, since_s / self.finer as f32);

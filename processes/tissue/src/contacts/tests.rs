@@ -36,8 +36,17 @@ fn met(world: &World, [before, now]: [&Pose; 2]) -> Vec<(Vec3, Vec3)> {
     let passage = Passage { hash: &hash, velocities_m_s: &still, dt_s: SINCE_S };
     let (tip_m, orientation) = (now.position_m, now.orientation);
     let back = std::array::from_fn(|axis| case.pivot_m[axis] - tip_m[axis]);
-    let tool =
-        ToolMotion { points_m: &points_m, before: (before, stand), since_s: SINCE_S, way_share: 1.0, tip_m, back, orientation };
+    let tool = ToolMotion {
+        points_m: &points_m,
+        before: (before, stand),
+        since_s: SINCE_S,
+        way_share: 1.0,
+        tip_m,
+        back,
+        orientation,
+        spared: &[],
+        soft_m: 0.0,
+    };
     let mut contacts = Contacts::new(world);
     let mut memory = vec![Memory::default(); world.points.tool];
     contacts.meet(world, &hits[..found.count], (&tool, &passage), rest_m, (&mut memory, &[])).unwrap();

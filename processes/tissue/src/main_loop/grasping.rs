@@ -19,8 +19,8 @@ impl MainLoop<'_> {
         if self.world.case.tool.jaws().is_none() {
             return Ok([before.loop_m, hand.loop_m].map(Stand::of_loop));
         }
-        let stood = Stand { solid_m: (before.hold_m == 0.0).then_some(before.loop_m), looks: false };
-        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), (&hand.pose, hand.loop_m), positions_m);
+        let stood = Stand { solid_m: Some(before.loop_m.max(before.hold_m)), looks: false };
+        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), hand.loop_m, positions_m);
         Ok([stood, stands])
     }
 }

@@ -2,12 +2,13 @@
 
 use super::MainLoop;
 use super::cutting::Change;
-use crate::contacts::ToolMotion;
+use crate::contacts::{MAX_LOOP_DEPTH_M, ToolMotion};
 use crate::grasp;
-use crate::knife::{solid_m, wire_m};
+use crate::knife::{soft_m, solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
 use crate::tool::Stand;
+use crate::world::World;
 use hyst_engine::{Stateful, StepContext};
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
@@ -28,6 +29,8 @@ pub(super) struct Hand {
     pub(super) wire_m: Option<Vec<[f32; 3]>>,
     /// How far the loop is out, m, if it is solid; else 0. Of jaws how far they are apart.
     pub(super) loop_m: f32,
+    /// How much less deep than a cold one a loop is pushed out from, m.
+    pub(super) soft_m: f32,
     /// The outflow, if it draws.
     pub(super) draw: Option<Draw>,
     /// What the medium does, to be used by the next step.
@@ -37,17 +40,19 @@ pub(super) struct Hand {
 }
 
 impl Hand {
-    /// The tool's points as they move from where they were in the state that is read, which has used the input of a tick; the way back is that to the pivot.
+    /// The tool's points as they move from where they were in the state that is read, which has used the input of a tick; its jaws do not meet what is spared, and
+    /// the way back is that to the pivot.
     pub(super) fn motion<'a>(
         &self,
-        pivot_m: [f32; 3],
-        points_m: &'a [[f32; 3]],
+        world: &World,
+        (points_m, spared): (&'a [[f32; 3]], &'a [u32]),
         (pose, stood, told_tick): (&'a Pose, Stand, u64),
         dt_s: f32,
     ) -> ToolMotion<'a> {
-        let (tip_m, since_s) = (self.pose.position_m, since_s(told_tick, self.input_tick, dt_s));
-        let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, before: (pose, stood), since_s, way_share: 1.0, tip_m, back, orientation: self.pose.orientation }
+        let Pose { position_m: tip_m, orientation, .. } = self.pose;
+        let (before, since_s) = ((pose, stood), since_s(told_tick, self.input_tick, dt_s));
+        let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - tip_m[axis]);
+        ToolMotion { points_m, before, since_s, way_share: 1.0, tip_m, back, orientation, spared, soft_m: self.soft_m }
     }
 
     /// Whether the forces that hold the cavity shut are in this step, or in one that may come soon: they begin a fifth of the way later than it does.
@@ -79,7 +84,7 @@ impl Hand {
             loop_m: self.loop_m,
             washed_out: before.washed_out + u32::from(change.washed_out_ml.is_some()),
             held: held as u32,
-            hold_m,
+            hold_m: hold_m.max(self.soft_m),
             cut_limits: before.cut_limits.saturating_add(u32::from(change.is_limited)),
             corrections: before.corrections.saturating_add(report.corrections()),
             closed: self.next_closed,
@@ -136,12 +141,15 @@ impl MainLoop<'_> {
         let parts_pa = if self.world.is_organ_whole { before.pressure_pa } else { f32::INFINITY };
         let next_closed = self.world.case.closing.after(before.closed, parts_pa, dt_s);
         let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces, ..Medium::default() };
+        let tool = &self.world.case.tool;
+        // With jaws the state has something else there.
+        let soft_before_m = if tool.jaws().is_some() { 0.0 } else { before.hold_m.clamp(0.0, MAX_LOOP_DEPTH_M) };
         let Some(input) = self.input(context.tick) else {
-            let (pose, loop_m, next_medium) = (before.pose, before.loop_m, medium);
+            let (pose, loop_m, soft_m, next_medium) = (before.pose, before.loop_m, soft_before_m, medium);
             let (velocity_m_s, wire_m, draw) = ([0.0; 3], None, None);
-            return Hand { input_tick: 0, pose, velocity_m_s, wire_m, loop_m, draw, next_medium, next_closed };
+            return Hand { input_tick: 0, pose, velocity_m_s, wire_m, loop_m, soft_m, draw, next_medium, next_closed };
         };
-        let (sample, tool) = (&input.sample, &self.world.case.tool);
+        let sample = &input.sample;
         let wire_m = wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls);
         Hand {
             input_tick: input.tick,
@@ -152,6 +160,7 @@ impl MainLoop<'_> {
                 Some(_) => grasp::apart_m(tool, &sample.controls, before.loop_m),
                 None => solid_m(self.world.case.electrode.as_ref(), &sample.controls),
             },
+            soft_m: soft_m(self.world.case.electrode.as_ref(), &sample.controls, soft_before_m, dt_s),
             draw: self.world.case.outlet.draw(&input),
             next_medium: if input.pressure_pa > 0.0 { input.medium() } else { medium },
             next_closed,

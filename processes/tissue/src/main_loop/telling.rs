@@ -35,7 +35,8 @@ impl MainLoop<'_> {
     /// Notes what a step was, for the status.
     pub(super) fn account(&mut self, core: &Core, cavity_pressure_pa: f32, substeps: u32, times_ns: [u64; 5]) {
         let figures = (self.collision.missing(), self.collision.dropped(), substeps);
-        self.status = status_of(self.status, core, cavity_pressure_pa, figures, times_ns);
+        let hold_m = self.world.case.tool.jaws().map_or(0.0, |_| core.hold_m);
+        self.status = TissueStatus { hold_m, ..status_of(self.status, core, cavity_pressure_pa, figures, times_ns) };
     }
 }
 
@@ -58,7 +59,6 @@ fn status_of(
         washed_out: core.washed_out,
         washed_out_ml: core.washed_out_ml as f32,
         held: core.held,
-        hold_m: core.hold_m,
         taken_out: core.taken_out,
         taken_out_ml: core.taken_out_ml as f32,
         cut_limits: core.cut_limits,

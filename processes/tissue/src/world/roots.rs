@@ -2,10 +2,11 @@
 //!
 //! Promise: a node is held at the place where it lay in its host at first, by the tet that is around it now. Where a cut has divided or parted that
 //! tet, or moved a corner of it, it is another one, or the same with other weights: so nothing draws two sides of a cut together, and no cut sets a
-//! spring under tension. Where the place is burnt nothing holds. A body that is whole there is held as the scene says, to the bit.
+//! spring under tension. No cut moves the node itself at rest, by which it is known: a stroke beside a root takes nothing of what holds it. Where the
+//! place is burnt nothing holds. A body that is whole there is held as the scene says, to the bit.
 
 use super::lookup::Lookup;
-use super::{ATTACHMENT_N_M, Case};
+use super::{ATTACHMENT_N_M, Case, World};
 use crate::body::Body;
 use glam::{DMat3, DVec3, Vec3};
 use hyst_scene::LoadedScene;
@@ -95,6 +96,19 @@ impl Roots {
             }
         }
         is_whole
+    }
+}
+
+impl World {
+    /// Notes for each node whether it is tied to a host, to which it is known by its place at rest.
+    pub fn note_tied(&self, is_tied: &mut Vec<bool>) {
+        is_tied.clear();
+        is_tied.resize(self.body.rest.positions_m.len(), false);
+        for tie in &self.attachments {
+            if let Some(is_tied) = is_tied.get_mut(tie.node as usize) {
+                *is_tied = true;
+            }
+        }
     }
 }
 
@@ -209,24 +223,28 @@ fn is_at(body: &Body, root: &Root, place: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::{Workshop, World};
+    use crate::world::Workshop;
     use hyst_tissue::{CutOptions, Cuttable, Isa, cut};
 
     /// Way of the wire between two cuts, m.
     const STEP_M: f32 = 5e-4;
     /// How far the wire reaches to both sides of the root, and how far it is drawn, m.
     const REACH_M: f32 = 0.015;
+    /// The same of one that passes beside a node, and how far beside it, m.
+    const SHORT_M: f32 = 0.003;
+    const BESIDE_M: f32 = 2e-4;
 
     fn world() -> World {
         Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap().1
     }
 
-    /// The body after a wire has gone through the middle of the root, across its host.
+    /// The body after a wire has gone through the middle of the root, across its host, by a cut that knows which nodes are tied.
     fn cut_through_root(world: &World) -> Body {
         let body = &world.body;
         let places = world.attachments.iter().map(|held| to_double(body.rest.positions_m[held.node as usize]));
         let root = (places.sum::<DVec3>() / world.attachments.len() as f64).as_vec3();
         let mut tissue = Cuttable { fixed: body.fixed.clone(), ..Cuttable::at_rest(body.rest.clone()) };
+        world.note_tied(&mut tissue.keeps_place);
         let steps = (2.0 * REACH_M / STEP_M) as i32;
         for step in 0..=steps {
             let y = root.y - REACH_M + step as f32 * STEP_M;
@@ -234,6 +252,42 @@ mod tests {
             cut(&mut tissue, &wire, &CutOptions::default()).unwrap();
         }
         Body { rest: tissue.rest, fixed: tissue.fixed, origin: body.origin.clone(), ..Body::default() }
+    }
+
+    /// The body after a wire has passed beside a node, on the side of a direction, and what then holds it; `keeps`: the cut knows which nodes are tied.
+    fn cut_beside(world: &World, (node, aside): (u32, Vec3), keeps: bool) -> (Body, Vec<Attachment>) {
+        let body = &world.body;
+        let mut tissue = Cuttable { fixed: body.fixed.clone(), ..Cuttable::at_rest(body.rest.clone()) };
+        if keeps {
+            world.note_tied(&mut tissue.keeps_place);
+        }
+        let along = aside.any_orthonormal_vector();
+        let (middle, way) = (Vec3::from(body.rest.positions_m[node as usize]) + BESIDE_M * aside, aside.cross(along));
+        for gone_m in [-SHORT_M, SHORT_M] {
+            let wire = [-SHORT_M, 0.0, SHORT_M].map(|along_m| (middle + gone_m * way + along_m * along).to_array());
+            cut(&mut tissue, &wire, &CutOptions::default()).unwrap();
+        }
+        let cut = Body { rest: tissue.rest, fixed: tissue.fixed, origin: body.origin.clone(), ..Body::default() };
+        let held = world.case.attachments(&cut);
+        (cut, held)
+    }
+
+    #[test]
+    fn a_cut_beside_a_node_of_a_root_takes_nothing_of_what_holds_it() {
+        let world = world();
+        let inner = world.attachments.iter().map(|tie| tie.node).filter(|node| !world.points.is_surface[*node as usize]);
+        let sides = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+        let strokes: Vec<(u32, Vec3)> = inner.flat_map(|node| sides.map(|side| (node, side))).collect();
+        assert!(!strokes.is_empty(), "no node of the root is inside of what it holds");
+        let lost = |stroke: (u32, Vec3), keeps: bool| {
+            let (cut, held) = cut_beside(&world, stroke, keeps);
+            assert_ne!(cut.rest, world.body.rest, "{stroke:?}: nothing is cut");
+            assert_held(&world, &cut, &held);
+            world.attachments.iter().filter(|tie| !held.iter().any(|now| now.node == tie.node)).count()
+        };
+        let [with, without] = [true, false].map(|keeps| strokes.iter().map(|stroke| lost(*stroke, keeps)).sum::<usize>());
+        println!("{} strokes take {with} attachments, and {without} where the cut does not know them", strokes.len());
+        assert!(with == 0 && without > 0, "{with} are lost, and {without} where nobody takes care of them");
     }
 
     /// Asserts that each node is held at its own place, by a tet of its host that is there.

@@ -243,7 +243,8 @@ impl<'a> Work<'a> {
 
     /// Moves an inner node along an edge onto the sheet, if all its tets stay good; the others only lend it their name.
     fn move_along(&mut self, node: u32, [a, b]: [u32; 2], share: f64) -> bool {
-        if self.tissue.fixed[node as usize] || !self.is_inner(node) {
+        let keeps_place = self.tissue.keeps_place.get(node as usize).is_some_and(|keeps_place| *keeps_place);
+        if keeps_place || self.tissue.fixed[node as usize] || !self.is_inner(node) {
             return false;
         }
         let between = |points: &[[f32; 3]]| to_single(at(points, a).lerp(at(points, b), share));

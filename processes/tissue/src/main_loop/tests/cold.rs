@@ -1,8 +1,11 @@
 //! Promise of the Main Loop about the loop electrode: cold, it is as solid as the shaft, and the hand feels what it presses on; with current in it, it cuts, and
-//! in its sheath it is not there. Under the current that coagulates it is as solid as a cold one.
+//! in its sheath it is not there. Under the current that coagulates it is as solid as a cold one. One whose pedal is let go in tissue becomes solid by and by:
+//! no model jumps by more than a servo lets through, and in the end the hand feels what it would otherwise.
 
 use super::*;
 use crate::contacts;
+use glam::Vec3;
+use hyst_coupling::ServoParams;
 use hyst_messages::{BUTTON_COAGULATING, BUTTON_EXTENDED, Controls};
 
 /// Ticks in which the ring comes to the fundus and presses on it, and in which it stays there.
@@ -11,6 +14,13 @@ const STAY: u64 = 100;
 /// Ticks of a way across, and its speed, m/s.
 const ACROSS: u64 = 40;
 const ACROSS_M_S: f32 = 0.02;
+
+/// Ticks in which a wire rests in tissue under current, those after its pedal is let go, and of those the last ones, of which the mean force counts.
+const HOT: u64 = 20;
+const LET_GO: u64 = 400;
+const MEAN_OF: usize = 100;
+/// In which of them a successor goes on from the state.
+const SUCCEEDED_IN: u64 = 12;
 
 /// From where before the place at which the ring meets the fundus to where behind it the ring goes, m.
 const BEFORE_M: f32 = -2e-3;
@@ -101,4 +111,62 @@ fn a_cold_loop_is_solid_a_hot_one_cuts_and_one_in_its_sheath_is_not_there() {
     let sheathed = pressed("sheathed", |_| Controls::default());
     assert_eq!((sheathed.core.contact_count, sheathed.core.cuts, sheathed.force_n), (0, 0, 0.0));
     assert!(sheathed.displaced_m < 1e-5, "{} m", sheathed.displaced_m);
+}
+
+/// The state as if its loop had been cold for long.
+fn hardened(now: &[u64]) -> Vec<u64> {
+    let mut now = now.to_vec();
+    let core = Core { hold_m: 0.0, ..core_of(&now) };
+    let section: &[u8] = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section(0).unwrap();
+    let at = section.as_ptr() as usize - now.as_ptr() as usize;
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut now);
+    bytes[at..at + size_of::<Core>()].copy_from_slice(bytemuck::bytes_of(&core));
+    now
+}
+
+/// What the planes say at the tip in each tick since the pedal of a wire was let go that rests in the fundus, N; `at_once`: as if it had been cold for long.
+fn let_go(name: &str, at_once: bool) -> Vec<Vec3> {
+    let (station, pages) = founded(name, "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    let electrode = main.world.case.electrode.clone().unwrap();
+    let tip_m = [0.0, 0.0, first_met_m(&main.world, &electrode) + DEEP_M - electrode.reach_m];
+    let mut record = InputRecord { pressure_pa: 9333.0, ..InputRecord::default() };
+    record.sample.pose = Pose { position_m: tip_m, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+    let (mut now, mut told_n) = (first_state(&mut main), Vec::new());
+    for tick in 1..=HOT + LET_GO {
+        let current = if tick <= HOT { BUTTON_ENERGIZED } else { 0 };
+        let buttons = BUTTON_EXTENDED | current;
+        record.sample.controls = Controls { buttons, loop_extension_m: electrode.reach_m, ..Controls::default() };
+        record.tick = tick;
+        let before = if at_once { hardened(&now) } else { now };
+        now = fed(&mut main, &pages[1], &before, &record);
+        if tick == HOT + SUCCEEDED_IN && !at_once {
+            succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+        }
+        if tick > HOT {
+            told_n.push(Vec3::from(main.planes.force_n(tip_m)));
+        }
+    }
+    let Core { cuts, hold_m, .. } = core_of(&now);
+    assert_eq!((cuts, hold_m, main.status.hold_m), (0, 0.0, 0.0), "it cuts nothing, and is as solid as a cold one");
+    drop((main, successor));
+    told_n
+}
+
+#[test]
+fn a_wire_whose_pedal_is_let_go_in_tissue_is_pushed_out_without_a_step_and_in_the_end_as_hard() {
+    let told_n = [("by-and-by", false), ("at-once", true)].map(|(name, at_once)| let_go(name, at_once));
+    let [step_n, jump_n] = [&told_n[0], &told_n[1]].map(|told_n| {
+        let steps_n = told_n.windows(2).map(|two| two[0].distance(two[1]));
+        steps_n.fold(told_n[0].length(), f32::max)
+    });
+    let mean_n = |told_n: &Vec<Vec3>| told_n.iter().rev().take(MEAN_OF).sum::<Vec3>() / MEAN_OF as f32;
+    let [end_n, expected_n] = [&told_n[0], &told_n[1]].map(mean_n);
+    println!("{step_n} N in a tick by and by, {jump_n} N at once; {end_n} N in the end, {expected_n} N");
+    let most_n = ServoParams::default().model_step_n;
+    assert!(step_n < most_n, "the planes jump by {step_n} N");
+    assert!(jump_n > 3.0 * most_n, "a wire that is solid at once is pushed by {jump_n} N: nothing was tried");
+    assert!(expected_n.length() > 0.1 && end_n.distance(expected_n) < 0.15 * expected_n.length(), "{end_n}, not {expected_n} N");
 }

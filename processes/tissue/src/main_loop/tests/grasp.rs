@@ -1,5 +1,5 @@
 //! Promise of the Main Loop about jaws: they take hold of what is between them when they close, it comes along with them, whoever goes on from which state,
-//! they let it go when they open, and the hand feels what holds on to it until it slips out.
+//! they let it go when they open, and the hand feels what holds on to it until it slips out. All else meets them where they stand.
 
 use super::pieces::sunk;
 use super::*;
@@ -19,6 +19,19 @@ const LOOSE_M: f32 = 1e-4;
 /// How fast the hand goes back with what it holds, m/s, and for how many ticks.
 const BACK_M_S: f32 = 0.02;
 const BACK: u64 = 250;
+/// A fast hand, m/s, which goes back by more in a step of four ticks than what is held may be drawn from its pad; steps for which it does, with what nothing
+/// holds, and at most with what grows on the wall.
+const FAST_M_S: f32 = 0.5;
+const FAST_STEPS: u64 = 6;
+const MOST_STEPS: u64 = 20;
+/// Ticks of which no input comes, and how fast the hand goes on meanwhile, m/s: likewise by more than that.
+const GAP: u64 = 20;
+const ON_M_S: f32 = 0.1;
+/// How far a piece may come from where jaws took hold of it while they close on, m.
+const FLUNG_M: f32 = 1e-3;
+/// Ticks within which jaws that go on meet the wall, and for how many they go on into it.
+const MEETS: u64 = 2_000;
+const INTO: u64 = 75;
 /// How far jaws roll in a tick, rad, and how fast the pads at their sides go then at least, m/s.
 const ROLL_RAD: f32 = 2e-3;
 const AROUND_M_S: f32 = 5e-4;
@@ -64,6 +77,41 @@ fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u
         assert!(step > 0 || held == 0, "{held} points are held by jaws that do not close");
     }
     (now, middle_m, SINKS + ticks + 2)
+}
+
+/// The same once what they hold is lifted off the wall below, to the height of the pivot, at the speed of a hand.
+fn lifted(
+    main: &mut MainLoop<'_>,
+    device: &OwnedPage,
+    (mut now, mut middle_m, mut tick): (Vec<u64>, Vec3, u64),
+) -> (Vec<u64>, Vec3, u64) {
+    let (world, step_ticks) = (Arc::clone(&main.world), main.step_ticks());
+    while middle_m.y < 0.0 {
+        middle_m.y = (middle_m.y + 1e-3 * BACK_M_S * step_ticks as f32).min(0.0);
+        now = fed(main, device, &now, &at(&world, tick, (middle_m, 0.0), (0.0, IN_M)));
+        tick += step_ticks;
+    }
+    (now, middle_m, tick)
+}
+
+/// How many points of the jaws lie in an object in the step that made a state, and in something else, and what those that push the latter do to it together, N.
+fn pushed_by_jaws(main: &MainLoop<'_>, now: &[u64], object: u32) -> ([usize; 2], Vec3) {
+    let (world, tool) = (&main.world, &main.world.case.tool);
+    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
+    let after = StateRef { position_m: message.section(1).unwrap(), velocity_m_s: message.section(2).unwrap() };
+    let (mut points, mut push_n) = ([0; 2], Vec3::ZERO);
+    for hit in main.collision.hits().iter().filter(|hit| (tool.shaft..tool.pads).contains(&(hit.point as usize))) {
+        let (nodes, weights) = (world.model.tets()[hit.tet as usize], hit.weights.map(|weight| weight.clamp(0.0, 1.0)));
+        let spring = main.contacts.springs().iter().find(|spring| spring.nodes == nodes && spring.weights == weights);
+        if world.body.rest.regions[hit.tet as usize] == object {
+            points[0] += 1;
+            assert!(spring.is_none(), "what the jaws hold is pushed by them");
+        } else if let Some(spring) = spring {
+            points[1] += 1;
+            push_n += Vec3::from(main.scratch.push(&world.model, &LAW, spring, &after).force_n);
+        }
+    }
+    (points, push_n)
 }
 
 /// Jaws that have closed on a place and roll on the spot draw what each pad holds around their axis.
@@ -182,6 +230,95 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
         "let go, the tissue still pulls: {:?}",
         core_of(&now).force_n
     );
+}
+
+#[test]
+fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_not_flung_by_them() {
+    let (station, pages) = founded("meet", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let (world, object) = (Arc::clone(&main.world), piece(&main.world));
+    let owners = (0..).zip(world.body.owners());
+    let of_piece: Vec<usize> = owners.filter(|(_, of)| *of == Some(object)).map(|(node, _)| node).collect();
+    let place =
+        |now: &[u64]| of_piece.iter().map(|node| Vec3::from(positions(now)[*node])).sum::<Vec3>() / of_piece.len() as f32;
+    let (mut now, middle_m) = sunk_with_jaws(&mut main, &pages[1], object);
+    let (mut tick, mut apart_m) = (SINKS, world.case.tool.jaws().unwrap().opening_m + CLOSES_M);
+    let (mut taken_at, mut flung_m) = (None, 0.0f32);
+    while apart_m > 0.0 {
+        (tick, apart_m) = (tick + 1, (apart_m - CLOSES_M).max(0.0));
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, apart_m), (0.0, IN_M)));
+        if core_of(&now).held > 0 {
+            flung_m = flung_m.max(taken_at.get_or_insert(place(&now)).distance(place(&now)));
+        }
+    }
+    let Core { held, hold_m, .. } = core_of(&now);
+    println!("{held} points are held by jaws {hold_m} m apart; meanwhile the piece was up to {flung_m} m beside");
+    assert!(held >= 3 && hold_m > 0.0, "{held} points are held");
+    assert!(flung_m < FLUNG_M, "jaws that close on fling what they hold by {flung_m} m");
+
+    let (mut now, mut middle_m, mut tick) = lifted(&mut main, &pages[1], (now, middle_m, tick + 1));
+    let (ahead, mut into) = (middle_m.normalize(), 0);
+    for _ in 0..MEETS {
+        middle_m += 1e-3 * BACK_M_S * ahead;
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (BACK_M_S, IN_M)));
+        tick += 1;
+        let ([_, met], _) = pushed_by_jaws(&main, &now, object);
+        into += u64::from(met > 0);
+        if into > INTO {
+            break;
+        }
+    }
+    let ([_, met], push_n) = pushed_by_jaws(&main, &now, object);
+    let felt_n = Vec3::from(core_of(&now).force_n);
+    println!("{met} points of the jaws push the wall with {push_n} N, and {felt_n} N are felt");
+    assert!(into > INTO, "the jaws go through the wall, or meet none: {into} ticks");
+    assert!(core_of(&now).held > 0, "the piece has slipped out");
+    assert!(met > 2 && push_n.length() > 0.05, "{met} points push with {push_n} N");
+    drop(main);
+}
+
+#[test]
+fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_does() {
+    let (station, pages) = founded_with(4, "fast", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let (world, object) = (Arc::clone(&main.world), piece(&main.world));
+    let closed = closed_on(&mut main, &pages[1], object);
+    let (gripped, gripped_m, tick) = lifted(&mut main, &pages[1], closed);
+    let (held, back) = (core_of(&gripped).held, gripped_m.normalize());
+    assert!(held >= 3, "{held} points are held");
+    let back_by = |way_m: f32, tick: u64, m_s: f32| at(&world, tick, (gripped_m - way_m * back, 0.0), (-m_s, IN_M));
+
+    let mut now = gripped.clone();
+    for step in 1..=FAST_STEPS {
+        now = fed(&mut main, &pages[1], &now, &back_by(4e-3 * FAST_M_S * step as f32, tick + 4 * (step - 1), FAST_M_S));
+        assert_eq!(core_of(&now).held, held, "after {step} steps with {FAST_M_S} m/s");
+    }
+    let came_m = sunk(&main, &gripped, object).1.distance(sunk(&main, &now, object).1);
+    let went_m = 4e-3 * FAST_M_S * FAST_STEPS as f32;
+    assert!((came_m - went_m).abs() < 0.3 * went_m, "the piece came by {came_m} of {went_m} m");
+
+    let mut now = gripped.clone();
+    for step in 0..3 {
+        now = fed(&mut main, &pages[1], &now, &back_by(1e-3 * ON_M_S * GAP as f32, tick + GAP + 4 * step, ON_M_S));
+        assert_eq!(core_of(&now).held, held, "{GAP} ticks were lost, {step} steps ago");
+    }
+
+    let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
+    let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
+    let (held, back, mut steps) = (core_of(&now).held, middle_m.normalize(), 0);
+    assert!(held >= 3, "{held} points of the polyp are held");
+    while core_of(&now).held > 0 {
+        (middle_m, steps, tick) = (middle_m - 4e-3 * FAST_M_S * back, steps + 1, tick + 4);
+        assert!(steps <= MOST_STEPS, "it holds for ever");
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (-FAST_M_S, IN_M)));
+    }
+    println!("{held} points of the polyp slip after {steps} steps");
+    assert!(steps > 1, "it slips before the tissue was drawn at all");
+    drop(main);
 }
 
 #[test]
