@@ -241,8 +241,7 @@ fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_n
     let (world, object) = (Arc::clone(&main.world), piece(&main.world));
     let owners = (0..).zip(world.body.owners());
     let of_piece: Vec<usize> = owners.filter(|(_, of)| *of == Some(object)).map(|(node, _)| node).collect();
-    let place =
-        |now: &[u64]| of_piece.iter().map(|node| Vec3::from(positions(now)[*node])).sum::<Vec3>() / of_piece.len() as f32;
+    let place = |now: &[u64]| of_piece.iter().map(|node| Vec3::from(positions(now)[*node])).sum::<Vec3>() / of_piece.len() as f32;
     let (mut now, middle_m) = sunk_with_jaws(&mut main, &pages[1], object);
     let (mut tick, mut apart_m) = (SINKS, world.case.tool.jaws().unwrap().opening_m + CLOSES_M);
     let (mut taken_at, mut flung_m) = (None, 0.0f32);
