@@ -228,6 +228,9 @@ impl Contacts {
             let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
             if let Some(node) = world.points.node.get(found.point as usize).copied().filter(|node| *node != NONE) {
                 let owner = tissue.tet_owner.get(found.tet as usize).copied().unwrap_or(NONE);
+                if !world.points.is_pushed_by(found.point as usize, owner) {
+                    continue;
+                }
                 let stuck = stuck.get(node as usize).filter(|stuck| **stuck != Stuck::default());
                 let (depth_m, normal, is_sure) = way_out(world, &tissue, found, point, Stuck::out_of(stuck, owner));
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
