@@ -19,6 +19,7 @@ use hyst_contact::{
 use hyst_engine::Failure;
 use hyst_messages::Pose;
 use hyst_tissue::{ContactLaw, Hold, PairSpring, PlaneSpring, Scratch, StateRef, gather};
+use stuck::Pressed;
 pub use stuck::Stuck;
 
 /// Contact stiffness per area, N/m³: a tip of 5 mm diameter (20 mm²) is met with about 1.5 kN/m, several times stiffer than tissue of 30 kPa
@@ -55,7 +56,7 @@ pub struct Contacts {
     /// Of the tool's contacts, per area, N/m³: [`STIFFNESS_N_M3`], or many times that for who asks what the contact itself gives way.
     stiffness_n_m3: f32,
     work: Workspace,
-    /// The tool's is part of the state; that of tissue is forgotten after each step.
+    /// The tool's is part of the state; that of tissue is made of what the state says of its nodes ([`Stuck`]).
     memory: Vec<Memory>,
     found: Vec<Penetration>,
     /// What each spring does to the tool.
@@ -68,9 +69,9 @@ pub struct Contacts {
     springs: Vec<PlaneSpring>,
     /// Whether the friction of each is the one that its point remembers: a point may be in two objects.
     remembers: Vec<bool>,
-    /// Where tissue meets other tissue, and the object that each node is pressed into there.
+    /// Where tissue meets other tissue, and what each node remembers of that.
     pairs: Vec<PairSpring>,
-    pair_owners: Vec<u32>,
+    pressed: Vec<Pressed>,
     /// What the tool went through.
     through: Through,
 }
@@ -103,16 +104,27 @@ pub fn tissue<'a>(world: &'a World, positions_m: &'a [[f32; 3]]) -> Tissue<'a> {
     Tissue { positions_m, tets: world.model.tets(), tet_owner: &world.body.rest.regions }
 }
 
-/// Depth of a node in other tissue, m, and the way out. What has just met is behind a face of the very tet that holds it, or beside a node of the surface;
-/// surfaces that coincide, as those of a fresh cut, do not push each other.
-fn way_out(world: &World, tissue: &Tissue<'_>, found: &Penetration, point_m: [f32; 3]) -> (f32, [f32; 3]) {
-    let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), found.direction);
-    let own = own_face(tissue, &world.topology, found.tet, &found.weights);
+/// Depth of a node in other tissue, m, the way out, and whether that is to be remembered. What has just met is behind a face of the very tet that holds it, or
+/// beside a node of the surface; surfaces that coincide, as those of a fresh cut, do not push each other. What remembers its way out (`before`) is pushed to no
+/// other side, however near a face or a node there is. A way out is remembered once a face of the tet says the same.
+fn way_out(
+    world: &World,
+    tissue: &Tissue<'_>,
+    found: &Penetration,
+    point_m: [f32; 3],
+    before: Option<Vec3>,
+) -> (f32, [f32; 3], bool) {
+    let direction = Vec3::from(found.direction);
+    let direction = before.filter(|before| before.dot(direction) < 0.0).unwrap_or(direction);
+    let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), direction.to_array());
+    let own = own_face(tissue, &world.topology, found.tet, &found.weights, before.map(|before| before.to_array()));
     let (depth_m, normal) = own.filter(|own| own.0 < deep.0).unwrap_or(deep);
+    let is_sure = before.is_some() || own.is_some_and(|own| Vec3::from(own.1).dot(Vec3::from(normal)) > 0.0);
     let nodes = world.model.tets().get(found.tet as usize).into_iter().flatten().map(|node| *node as usize);
     let of_surface = nodes.filter(|node| world.points.is_surface[*node]);
-    let away_m = |node: usize| tissue.positions_m[node].iter().zip(point_m).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
-    (of_surface.map(away_m).fold(depth_m, f32::min), normal)
+    let ways = of_surface.map(|node| Vec3::from(tissue.positions_m[node]) - Vec3::from(point_m));
+    let out = ways.filter(|way| before.is_none() || way.dot(Vec3::from(normal)) >= 0.0);
+    (out.map(Vec3::length).fold(depth_m, f32::min), normal, is_sure)
 }
 
 /// How far the state says that something is bent, m: one that was damaged may say anything.
@@ -141,7 +153,7 @@ impl Contacts {
             springs: Vec::new(),
             remembers: Vec::new(),
             pairs: Vec::new(),
-            pair_owners: Vec::new(),
+            pressed: Vec::new(),
             through: Through::default(),
         };
         contacts.fit(world);
@@ -168,8 +180,8 @@ impl Contacts {
         self.remembers.reserve(contacts);
         self.pairs.clear();
         self.pairs.reserve(hits);
-        self.pair_owners.clear();
-        self.pair_owners.reserve(hits);
+        self.pressed.clear();
+        self.pressed.reserve(hits);
         self.through.fit(world);
     }
 
@@ -195,7 +207,7 @@ impl Contacts {
             return Err(Failure::Broken(format!("the state remembers {} points of {}", memory.len(), of_tool.len())));
         }
         of_tool.copy_from_slice(memory);
-        of_tissue.fill(Memory::default());
+        stuck::recall(world, stuck, of_tissue);
         self.through.look(world, hits, (tool, passage), &tissue, of_tool)?;
         let found = penetration(&input, &params, &mut self.memory, &mut self.work, &mut self.found).map_err(broken)?.count;
         let of_tool = &mut self.memory[..world.points.tool];
@@ -213,7 +225,7 @@ impl Contacts {
         self.remembers.clear();
         self.forces.clear();
         self.pairs.clear();
-        self.pair_owners.clear();
+        self.pressed.clear();
         for found in &self.found[..found] {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
             if tool.spares(world, found.point, tissue.tet_owner.get(found.tet as usize)) {
@@ -223,12 +235,17 @@ impl Contacts {
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
             let at = gather(*nodes, weights, positions_m).map_or(Vec3::ZERO, Vec3::from);
             if let Some(node) = world.points.node.get(found.point as usize).copied().filter(|node| *node != NONE) {
-                let (depth_m, normal) = way_out(world, &tissue, found, point);
-                let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
                 let owner = tissue.tet_owner.get(found.tet as usize).copied().unwrap_or(NONE);
-                let sticks_at_m = (Vec3::from(point) - at + Stuck::way_m(stuck.get(node as usize), owner)).to_array();
+                if !world.points.is_pushed_by(found.point as usize, owner) {
+                    continue;
+                }
+                let stuck = stuck.get(node as usize).filter(|stuck| **stuck != Stuck::default());
+                let (depth_m, normal, is_sure) = way_out(world, &tissue, found, point, Stuck::out_of(stuck, owner));
+                let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
+                let sticks_at_m = (Vec3::from(point) - at + Stuck::way_m(stuck, owner)).to_array();
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, sticks_at_m, stiffness_n_m });
-                self.pair_owners.push(owner);
+                let (out, is_known) = (if is_sure { normal } else { [0.0; 3] }, stuck.is_some_and(|stuck| stuck.owner == owner));
+                self.pressed.push(Pressed { owner, out, is_known });
             } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();

@@ -1,8 +1,10 @@
 //! The points of the contact test: those of the tool; then the nodes of tissue that may meet other tissue, the surfaces of what grows in the cavity and of what
-//! has come free (all else meets them with its tets); then the other nodes of surfaces that can move, which meet their own object alone: folds.
+//! has come free (all else meets them with its tets), and those of organs, where there is more than one, which meet each other; then the other nodes of
+//! surfaces that can move, which meet their own object alone: folds.
 //!
-//! Two places meet only if together they have come as far from where they are at rest as they were from each other, one of them half as far. So nodes are
-//! nowhere that have not come so far themselves and that nothing is near which has, and cost nothing but the look at how far they have come.
+//! Two places of an object meet only if together they have come as far from where they are at rest as they were from each other, one of them half as far. So
+//! nodes are nowhere that have not come so far themselves and that nothing is near which has, and cost nothing but the look at how far they have come. Those of
+//! organs that meet each other are also where they are near another organ.
 
 use crate::body::Body;
 use crate::site::MAX_OBJECTS;
@@ -29,8 +31,12 @@ const STRETCH: f32 = 1.5;
 pub struct ContactPoints {
     /// How many are the tool's; they come first.
     pub tool: usize,
+    /// From which on they are those of organs that meet each other.
+    pub organs_from: usize,
     /// From which on they meet their own object alone.
     pub own_from: usize,
+    /// The organs that meet each other.
+    pub organs: Vec<u32>,
     /// How far two places of an object are apart at rest, m, that may meet.
     pub own_beyond_m: f32,
     /// Object of each.
@@ -66,6 +72,9 @@ struct Moved {
     high: Vec3,
 }
 
+/// A box that nothing is in, lowest and highest corner, m.
+const EMPTY: (Vec3, Vec3) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+
 impl Moved {
     const NOTHING: Moved = Moved { farthest_m: 0.0, low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
 }
@@ -85,8 +94,15 @@ fn surface(body: &Body, topology: &Topology) -> (Vec<f32>, Vec<u32>) {
     (area_m2, owner_of)
 }
 
+/// The organs that meet each other: all of which there is something, if it is more than one.
+fn organs_that_meet(objects: &[ObjectRecord]) -> Vec<u32> {
+    let is_organ = |object: &&ObjectRecord| object.kind == ObjectKind::Organ as u32 && object.tets[1] > 0;
+    let organs: Vec<u32> = objects.iter().filter(is_organ).map(|object| object.id).collect();
+    if organs.len() > 1 { organs } else { Vec::new() }
+}
+
 impl ContactPoints {
-    /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet nobody; nor do
+    /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet no other; nor do
     /// those beside a root, which comes out of the wall there, or out of a chip of it. What the tets say of the nodes is left to [`Telling`].
     pub fn of(
         case: &Case,
@@ -99,7 +115,9 @@ impl ContactPoints {
         let (area_m2, owner_of) = surface(body, topology);
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
+            organs_from: 0,
             own_from: 0,
+            organs: organs_that_meet(objects),
             own_beyond_m: BESIDE_EDGES * case.edge_m,
             owner: vec![TOOL_ID; tool.points_m.len()],
             node: vec![NONE; tool.points_m.len()],
@@ -125,10 +143,11 @@ impl ContactPoints {
         }
         buried.into_iter().for_each(|node| others_of[node as usize] = NONE);
         let of_folds = |(node, owner): (usize, &u32)| if may_meet(*owner) || body.fixed[node] { NONE } else { *owner };
-        let folds_of: Vec<u32> = owner_of.iter().enumerate().map(of_folds).collect();
-        let mut place = vec![NONE; owner_of.len()];
-        for of in [&others_of, &folds_of] {
-            points.own_from = points.owner.len();
+        let mut folds_of: Vec<u32> = owner_of.iter().enumerate().map(of_folds).collect();
+        let organs_of = points.take_organs(case, body, &owner_of, &mut folds_of)?;
+        let (mut place, mut starts) = (vec![NONE; owner_of.len()], [0; 3]);
+        for (start, of) in starts.iter_mut().zip([&others_of, &organs_of, &folds_of]) {
+            *start = points.owner.len();
             for (node, owner) in of.iter().enumerate().filter(|(_, owner)| **owner != NONE) {
                 place[node] = (points.owner.len() - points.tool) as u32;
                 points.owner.push(*owner);
@@ -136,10 +155,31 @@ impl ContactPoints {
                 points.area_m2.push(area_m2[node]);
             }
         }
+        [_, points.organs_from, points.own_from] = starts;
         let triangles: Vec<[u32; 3]> = topology.boundary.iter().map(|face| face.map(|node| place[node as usize])).collect();
         let of_tissue = PointGraph::from_triangles(points.owner.len() - points.tool, &triangles);
         points.graph = tool.graph.followed_by(&of_tissue);
         Ok(points)
+    }
+
+    /// Takes the nodes of organs that meet each other out of those of folds: the owner of each. Those that lie in another object at rest stay there.
+    fn take_organs(&self, case: &Case, body: &Body, owner_of: &[u32], folds_of: &mut [u32]) -> Result<Vec<u32>, Failure> {
+        if self.organs.is_empty() {
+            return Ok(Vec::new());
+        }
+        let of_organ = |owner: &u32| if self.organs.contains(owner) { *owner } else { NONE };
+        let mut organs_of: Vec<u32> = folds_of.iter().map(of_organ).collect();
+        buried(case, body, owner_of, &organs_of)?.into_iter().for_each(|node| organs_of[node as usize] = NONE);
+        let folds = folds_of.iter_mut().zip(&organs_of).filter(|(_, organ)| **organ != NONE);
+        folds.for_each(|(fold, _)| *fold = NONE);
+        Ok(organs_of)
+    }
+
+    /// Whether a point of tissue is pushed by an object that it lies in: one of an organ only by its own or by another organ, for what else there is meets the
+    /// organ with nodes of its own.
+    pub fn is_pushed_by(&self, point: usize, object: u32) -> bool {
+        let is_of_organ = (self.organs_from..self.own_from).contains(&point);
+        !is_of_organ || self.owner.get(point) == Some(&object) || self.organs.contains(&object)
     }
 
     /// Number of points.
@@ -158,7 +198,8 @@ impl ContactPoints {
         Points { owner: &self.owner, node: &self.node, own: Some(own) }
     }
 
-    /// Puts the tool's points where its pose and the stand of its working element say, and the others where their nodes are; nowhere those that can meet no fold.
+    /// Puts the tool's points where its pose and the stand of its working element say, and the others where their nodes are; nowhere those that can meet
+    /// neither a fold nor another organ.
     pub fn place(
         &self,
         tool: &Tool,
@@ -168,23 +209,53 @@ impl ContactPoints {
     ) {
         let (of_tool, of_tissue) = out_m.split_at_mut(self.tool.min(out_m.len()));
         tool.place(pose, stand, of_tool);
-        let (of_others, of_folds) = of_tissue.split_at_mut((self.own_from - self.tool).min(of_tissue.len()));
+        let (of_others, of_rest) = of_tissue.split_at_mut((self.organs_from - self.tool).min(of_tissue.len()));
+        let (of_organs, of_folds) = of_rest.split_at_mut((self.own_from - self.organs_from).min(of_rest.len()));
         let at = |places_m: &[[f32; 3]], node: &u32| places_m.get(*node as usize).copied().unwrap_or(NOWHERE);
         for (out, node) in of_others.iter_mut().zip(&self.node[self.tool..]) {
             *out = at(positions_m, node);
         }
         let moved = self.moved(positions_m, rest_m);
+        let may_fold = |(node, owner): (&u32, &u32)| {
+            let (place, rest) = (at(positions_m, node), at(rest_m, node));
+            let others = moved.get(*owner as usize).copied().unwrap_or(Moved::NOTHING);
+            self.may_meet(place.into(), Vec3::from(place).distance(rest.into()), &others)
+        };
+        if !of_organs.is_empty() {
+            let around = self.around_objects(positions_m);
+            let nodes = self.node[self.organs_from..].iter().zip(&self.owner[self.organs_from..]);
+            for (out, (node, owner)) in of_organs.iter_mut().zip(nodes) {
+                let place = at(positions_m, node);
+                let is_there = self.is_near_organ(place.into(), (*node, *owner), &around) || may_fold((node, owner));
+                *out = if is_there { place } else { NOWHERE };
+            }
+        }
         if moved.iter().all(|of_object| 2.0 * of_object.farthest_m < self.beyond_m()) {
             of_folds.fill(NOWHERE);
             return;
         }
         let nodes = self.node[self.own_from..].iter().zip(&self.owner[self.own_from..]);
         for (out, (node, owner)) in of_folds.iter_mut().zip(nodes) {
-            let (place, rest) = (at(positions_m, node), at(rest_m, node));
-            let others = moved.get(*owner as usize).copied().unwrap_or(Moved::NOTHING);
-            let may_meet = self.may_meet(place.into(), Vec3::from(place).distance(rest.into()), &others);
-            *out = if may_meet { place } else { NOWHERE };
+            *out = if may_fold((node, owner)) { at(positions_m, node) } else { NOWHERE };
         }
+    }
+
+    /// A box around the nodes of each object, lowest and highest corner, m.
+    fn around_objects(&self, positions_m: &[[f32; 3]]) -> [(Vec3, Vec3); MAX_OBJECTS] {
+        let mut around = [EMPTY; MAX_OBJECTS];
+        for (place_m, object) in positions_m.iter().zip(&self.of_tets.object_of) {
+            let Some(around) = around.get_mut(*object as usize) else { continue };
+            *around = (around.0.min(Vec3::from(*place_m)), around.1.max(Vec3::from(*place_m)));
+        }
+        around
+    }
+
+    /// Whether a node of an organ may lie in another organ, or be a neighbour of one that does.
+    fn is_near_organ(&self, place: Vec3, (node, owner): (u32, u32), around: &[(Vec3, Vec3); MAX_OBJECTS]) -> bool {
+        let grown = Vec3::splat(STRETCH * self.of_tets.longest_m.get(node as usize).copied().unwrap_or(0.0));
+        let others = self.organs.iter().filter(|organ| **organ != owner).filter_map(|organ| around.get(*organ as usize));
+        let mut boxes = others.map(|(low, high)| (*low - grown, *high + grown));
+        boxes.any(|(low, high)| place.cmpge(low).all() && place.cmple(high).all())
     }
 
     /// How far two places are apart at rest, m, that may meet, less what rounding may take from that.
@@ -264,8 +335,7 @@ impl<'a> Telling<'a> {
 /// For each object of the scene whether the box around it meets one around those nodes of another that are asked about: else none of them lies in its tets.
 /// `owner_of` has the owner of each node of a surface, where an object's farthest nodes are, `asked_of` that of each that is asked about.
 fn may_bury(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Vec<bool> {
-    let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut around = vec![[nothing; 2]; body.origin.len()];
+    let mut around = vec![[EMPTY; 2]; body.origin.len()];
     for (place_m, owners) in body.rest.positions_m.iter().zip(owner_of.iter().zip(asked_of)) {
         for (which, owner) in [owners.0, owners.1].into_iter().enumerate().filter(|(_, owner)| **owner != NONE) {
             let (place, around) = (Vec3::from(*place_m), &mut around[case.origin(body, *owner)][which]);
@@ -311,86 +381,4 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32], asked_of: &[u32]) -> Resul
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::world::Workshop;
-    use hyst_contact::intersect_brute;
-    use hyst_tissue::Isa;
-
-    #[test]
-    fn buried_is_what_lies_in_a_tet_of_another_object_whatever_is_left_out_of_the_search() {
-        let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
-        let (rest, owner_of) = (&world.body.rest, surface(&world.body, &world.topology).1);
-        let tissue = Tissue { positions_m: &rest.positions_m, tets: &rest.tets, tet_owner: &rest.regions };
-        let of_all = |node: usize| owner_of[node];
-        let of_polyp = |node: usize| if owner_of[node] == 1 { 1 } else { NONE };
-        for of in [&of_polyp as &dyn Fn(usize) -> u32, &of_all] {
-            let owner: Vec<u32> = (0..owner_of.len()).map(of).collect();
-            let place = |(node, owner): (&[f32; 3], &u32)| if *owner == NONE { NOWHERE } else { *node };
-            let places_m: Vec<[f32; 3]> = rest.positions_m.iter().zip(&owner).map(place).collect();
-            let mut hits = vec![Hit::default(); 4 * places_m.len()];
-            let points = Points { owner: &owner, node: &[], own: None };
-            let found = intersect_brute(&places_m, &points, &tissue, &mut hits).unwrap();
-            let expected: Vec<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
-            assert!(expected.len() > 3 && found.dropped == 0, "{} nodes", expected.len());
-            assert_eq!(buried(&world.case, &world.body, &owner_of, &owner).unwrap(), expected);
-        }
-    }
-
-    #[test]
-    fn an_object_may_bury_nodes_of_another_whose_box_meets_its_own_and_none_of_itself() {
-        let (_, mut world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
-        let owner_of = surface(&world.body, &world.topology).1;
-        let of_polyp: Vec<u32> = owner_of.iter().map(|owner| if *owner == 1 { 1 } else { NONE }).collect();
-        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &of_polyp), [true, false]);
-        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [true, true]);
-        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &vec![NONE; owner_of.len()]), [false, false]);
-        // A polyp that is elsewhere.
-        let places_m = world.body.rest.positions_m.iter_mut();
-        places_m.zip(&world.points.of_tets.object_of).filter(|(_, of)| **of == 1).for_each(|(place_m, _)| place_m[2] += 1.0);
-        assert_eq!(may_bury(&world.case, &world.body, &owner_of, &owner_of), [false, false]);
-        assert!(buried(&world.case, &world.body, &owner_of, &owner_of).unwrap().is_empty());
-    }
-
-    #[test]
-    fn the_longest_edge_and_the_object_of_a_node_are_those_of_its_tets() {
-        let (_, world) = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap();
-        let (rest, OfTets { object_of, longest_m }) = (&world.body.rest, world.points.of_tets.clone());
-        let (place, owners) = (|node: u32| Vec3::from(rest.positions_m[node as usize]), world.body.owners());
-        for (node, (longest_m, object)) in (0..).zip(longest_m.into_iter().zip(object_of)) {
-            let around = rest.tets.iter().filter(|tet| tet.contains(&node));
-            let edges_m = around.flatten().map(|other| place(node).distance(place(*other)));
-            assert_eq!(longest_m.to_bits(), edges_m.fold(0.0, f32::max).to_bits(), "node {node}");
-            assert_eq!(Some(object).filter(|object| *object != NONE), owners[node as usize]);
-        }
-    }
-
-    #[test]
-    fn a_wall_that_is_hardly_deformed_is_nowhere_and_what_has_come_far_is_there_with_what_it_may_reach() {
-        let scene = hyst_scene::load_embedded().unwrap();
-        let (_, world) = Workshop::open(&scene, Isa::detect()).unwrap();
-        let (points, rest_m) = (&world.points, &world.body.rest.positions_m);
-        let mut out = vec![[0.0; 3]; points.len()];
-        let pose = Pose { orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
-        let mut there = |positions_m: &[[f32; 3]]| {
-            points.place(&world.case.tool, (&pose, Stand::default()), (positions_m, rest_m), &mut out);
-            let is_there: Vec<bool> = out.iter().map(|place| place[0].is_finite()).collect();
-            let folds = &is_there[points.own_from..];
-            assert!(is_there[..world.case.tool.shaft].iter().all(|is| *is), "the shaft");
-            assert!(is_there[points.tool..points.own_from].iter().all(|is| *is), "the polyp");
-            (folds.iter().filter(|is| **is).count(), folds[0])
-        };
-        let folds = points.len() - points.own_from;
-        assert!(folds > 300, "{folds} nodes of the wall");
-        assert_eq!(there(rest_m), (0, false), "at rest");
-        let mut moved = rest_m.clone();
-        let mut move_by = |share: f32| {
-            moved[points.node[points.own_from] as usize][1] += share * points.own_beyond_m;
-            there(&moved)
-        };
-        assert_eq!(move_by(0.4), (0, false), "no two nodes have come so far from each other that they may meet");
-        assert_eq!(move_by(0.2), (1, true), "this one may meet one that has come as far, and all others none");
-        let (near, moved) = move_by(0.5);
-        assert!(moved && near > 1 && near < folds / 2, "those near where this one has come to, not {near} of {folds}");
-    }
-}
+mod tests;

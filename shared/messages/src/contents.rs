@@ -104,9 +104,9 @@ pub static CONTENTS: [Content; 8] = [
             records(
                 "Stuck",
                 "processes/tissue/src/contacts/stuck.rs",
-                16,
+                28,
                 "nodes",
-                "the tissue that each is pressed on, and the way along it to what it sticks to, m",
+                "the tissue that each is pressed on, the way along it to what it sticks to, m, and the way back out of it",
             ),
         ],
         least: 8,

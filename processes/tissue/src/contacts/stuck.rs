@@ -1,12 +1,14 @@
-//! What tissue sticks to where it is pressed on other tissue, or a fold of it on another: for each node the way to where friction holds it.
+//! What tissue remembers of other tissue that it is pressed on, or a fold of another fold: for each node the way to where friction holds it, and the way that
+//! leads back out.
 //!
-//! Promise: it is in the state (its ninth section), so that whoever goes on from one is rubbed alike; what is not pressed any more sticks to nothing, and what
-//! somebody has damaged there costs a little friction.
+//! Promise: it is in the state (its ninth section), so that whoever goes on from one is rubbed alike and pushed to the same side; what is not pressed any more
+//! sticks to nothing, and what somebody has damaged there costs a little friction, or one contact its side.
 
 use super::{Contacts, LAW, believed_m};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use hyst_contact::Memory;
 use hyst_tissue::{Scratch, StateRef};
 
 /// What a node sticks to, as the state has it; all zero where it is nothing.
@@ -17,6 +19,19 @@ pub struct Stuck {
     pub owner: u32,
     /// The way along that from the node to what it sticks to, m.
     pub bent_m: [f32; 3],
+    /// The way back out of it, a unit vector; zero as long as nobody knows that for sure.
+    pub out: [f32; 3],
+}
+
+/// What a contact of tissue with tissue is remembered by.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pressed {
+    /// Object of the tissue that the node is pressed into.
+    pub(super) owner: u32,
+    /// The way back out of it, or zero.
+    pub(super) out: [f32; 3],
+    /// Whether the node remembered that object before.
+    pub(super) is_known: bool,
 }
 
 impl Stuck {
@@ -24,18 +39,34 @@ impl Stuck {
     pub(super) fn way_m(of_node: Option<&Stuck>, owner: u32) -> Vec3 {
         of_node.filter(|stuck| stuck.owner == owner).map_or(Vec3::ZERO, |stuck| believed_m(stuck.bent_m))
     }
+
+    /// The way back out of an object that a node remembers, a unit vector.
+    pub(super) fn out_of(of_node: Option<&Stuck>, owner: u32) -> Option<Vec3> {
+        of_node.filter(|stuck| stuck.owner == owner).and_then(|stuck| Vec3::from(stuck.out).try_normalize())
+    }
+}
+
+/// Tells the points of tissue, of which these are the memories, what their nodes remember.
+pub(super) fn recall(world: &World, stuck: &[Stuck], of_tissue: &mut [Memory]) {
+    for (memory, node) in of_tissue.iter_mut().zip(&world.points.node[world.points.tool..]) {
+        let Stuck { owner, out, .. } = stuck.get(*node as usize).copied().unwrap_or_default();
+        *memory = Memory { owner, direction: out, ..Memory::default() };
+    }
 }
 
 impl Contacts {
-    /// Writes what each node sticks to after the step that `scratch` has made. Of two objects it remembers the one of the lower tet; the other lets go of it in
-    /// each step.
+    /// Writes what each node remembers after the step that `scratch` has made. Of two objects it is the one that it remembered before, else that of the lower
+    /// tet; the other lets go of it in each step.
     pub(super) fn remember(&self, world: &World, after: &StateRef<'_>, scratch: &Scratch, stuck: &mut [Stuck]) {
         stuck.fill(Stuck::default());
-        for (number, (pair, owner)) in (self.springs.len()..).zip(self.pairs.iter().zip(&self.pair_owners)) {
-            let Some(place) = stuck.get_mut(pair.node as usize).filter(|place| **place == Stuck::default()) else { continue };
-            let bent_m = scratch.press(&world.model, &LAW, (number, pair), after).bent_m;
-            if bent_m != [0.0; 3] {
-                *place = Stuck { owner: *owner, bent_m };
+        for (number, (pair, pressed)) in (self.springs.len()..).zip(self.pairs.iter().zip(&self.pressed)) {
+            let Some(place) = stuck.get_mut(pair.node as usize) else { continue };
+            if *place != Stuck::default() && !pressed.is_known {
+                continue;
+            }
+            let push = scratch.press(&world.model, &LAW, (number, pair), after);
+            if push.normal_n > 0.0 {
+                *place = Stuck { owner: pressed.owner, bent_m: push.bent_m, out: pressed.out };
             }
         }
     }

@@ -10,6 +10,7 @@ mod grasp;
 mod grip;
 mod held;
 mod lattice;
+mod leaves;
 mod lent;
 mod limits;
 mod medium;

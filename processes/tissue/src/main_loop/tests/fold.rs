@@ -1,5 +1,5 @@
 //! Promise of the Main Loop about one object that meets itself: a fold that is pressed on another lies on it, and not in it, with the same bits whoever finds it;
-//! and what does not fold is to the bit what it would be if nothing met itself.
+//! and what does not fold is to the bit what it would be if nothing met itself. The same of an organ that is pressed on another one.
 
 use super::held::distance_m;
 use super::lattice::{self, Lattice};
@@ -9,7 +9,8 @@ use crate::points::ContactPoints;
 use glam::Vec3;
 use hyst_contact::{Cull, Hit, Share, Split, are_true, has_all_of, intersect, merge};
 
-/// Edge of the cells, m. Two leaves of one cell, three apart, hang together at one end; the one that is nearer to the tool is free, the other is held.
+/// Edge of the cells, m. Two leaves of one cell, three apart, hang together at one end; the one that is nearer to the tool is free, the other is held. Or they
+/// do not hang together, and the near one is held at that end.
 const EDGE_M: f32 = 2e-3;
 const GAP: usize = 3;
 const LOW_M: [f32; 3] = [-0.01, -0.005, 0.03];
@@ -27,17 +28,21 @@ fn faces_m() -> [f32; 2] {
     [LOW_M[2] + EDGE_M, LOW_M[2] + (1 + GAP) as f32 * EDGE_M]
 }
 
-/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, how many pairs met, and how many nodes stick to a leaf then; `blind`: no fold
-/// meets another.
-fn pressed(name: &str, blind: bool) -> (f32, usize, usize) {
+/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, how many pairs met, and how many nodes stick to a leaf then; `is_apart`: they
+/// do not hang together; `blind`: no fold meets another, and no organ.
+fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
     let cells = [10, 5, 2 + GAP];
     let lattice = Lattice { cells, edge_m: [EDGE_M; 3], low_m: LOW_M };
-    let is_there = |[x, _, z]: [usize; 3]| x == 0 || z == 0 || z == 1 + GAP;
-    let folder = lattice::scene(name, &lattice, is_there, &format!("{{ above_z_m = {} }}", faces_m()[1] + 0.9 * EDGE_M));
+    let is_there = |[x, _, z]: [usize; 3]| !is_apart && x == 0 || z == 0 || z == 1 + GAP;
+    let [end_m, back_m] = [LOW_M[0] + 1e-4, faces_m()[0] + 1e-4];
+    let end = format!("{{ box = {{ min_m = [-0.1, -0.1, 0.0], max_m = [{end_m:.4}, 0.1, {back_m:.4}] }} }}, ");
+    let fixed = format!("{}{{ above_z_m = {} }}", if is_apart { end.as_str() } else { "" }, faces_m()[1] + 0.9 * EDGE_M);
+    let folder = lattice::scene(name, &lattice, is_there, &fixed);
     let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
+    assert_eq!(main.world.points.organs, if is_apart { vec![0u32, 1] } else { Vec::new() });
     if blind {
         be_blind(&mut main);
     }
@@ -50,6 +55,9 @@ fn pressed(name: &str, blind: bool) -> (f32, usize, usize) {
         now = stepped(&mut main, &pages[1], &before, tick, pose, PieceFlow::default());
         assert!(main.accepts(bytemuck::cast_slice(&now)), "{name}: the state of tick {tick} is none");
         pairs = pairs.max(main.contacts.pairs().len());
+        let of_organs = &main.points_m[main.world.points.organs_from..main.world.points.own_from];
+        let there = of_organs.iter().filter(|place| place[0].is_finite()).count();
+        assert!(there == 0 || tick > 1, "{there} nodes of organs are looked at that are near no other one");
         if tick % 10 == 0 {
             are_found_in_shares(&main, positions(&before), &known);
         }
@@ -58,10 +66,10 @@ fn pressed(name: &str, blind: bool) -> (f32, usize, usize) {
     (deepest_m(&main.world, positions(&now)), pairs, sticks)
 }
 
-/// No object meets itself from now on.
+/// No object meets itself from now on, and no organ another one.
 fn be_blind(main: &mut MainLoop<'_>) {
     let mut world = main.workshop.make(main.world.body.clone()).unwrap();
-    world.points = ContactPoints { own_beyond_m: 1.0, ..world.points };
+    world.points = ContactPoints { own_beyond_m: 1.0, own_from: world.points.organs_from, ..world.points };
     main.take_world(world);
 }
 
@@ -131,11 +139,20 @@ fn is_before_m(place: [f32; 3]) -> bool {
 #[test]
 fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     let [(blind_m, none, unstuck), (seeing_m, pairs, sticks)] =
-        [true, false].map(|blind| pressed(if blind { "blind-fold" } else { "fold" }, blind));
+        [true, false].map(|blind| pressed(if blind { "blind-fold" } else { "fold" }, (false, blind)));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs");
     assert!(unstuck == 0 && sticks > 0, "{unstuck} nodes stick to what they do not meet, {sticks} to what they do");
+}
+
+#[test]
+fn an_organ_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
+    let [(blind_m, none, _), (seeing_m, pairs, sticks)] =
+        [true, false].map(|blind| pressed(if blind { "blind-organs" } else { "organs" }, (true, blind)));
+    println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
+    assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
+    assert!(pairs > 5 && sticks > 0 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs, {sticks} nodes stick");
 }
 
 /// Ticks of the hand: it has pressed the wall in by millimetres by then.

@@ -21,7 +21,7 @@ fn pushed_into_the_wall(name: &str, blind: bool, towards: impl Fn(&World) -> (Ve
         let tool = world.points.tool;
         let (owner, node) = (world.points.owner[..tool].to_vec(), world.points.node[..tool].to_vec());
         let (area_m2, graph) = (world.points.area_m2[..tool].to_vec(), world.case.tool.graph.clone());
-        world.points = ContactPoints { own_from: tool, owner, node, area_m2, graph, ..world.points };
+        world.points = ContactPoints { organs_from: tool, own_from: tool, owner, node, area_m2, graph, ..world.points };
     }
     main.take_world(world);
     let mut now = first_state(&mut main);

@@ -12,10 +12,10 @@ use hyst_tissue::Isa;
 use std::ops::Range;
 
 /// Edge of the cells, m. A layer of them is held; a cube of so many on a side, one cell above it, is free.
-const EDGE_M: f32 = 2e-3;
+pub(super) const EDGE_M: f32 = 2e-3;
 const SIDE: usize = 5;
 /// The cube's number.
-const CUBE: u32 = 1;
+pub(super) const CUBE: u32 = 1;
 /// Its way down onto the layer, m, about as deep as its weight presses it in; and to the side, so that their nodes are not above each other.
 const DOWN_M: Vec3 = Vec3::new(0.3 * EDGE_M, -EDGE_M - 3e-5, 0.4 * EDGE_M);
 /// Far denser than any tissue, so that it is pressed on by more than rounding, kg/m³; and the medium.
@@ -45,7 +45,7 @@ fn drag_m_s2(past_m_s: f64) -> f64 {
 }
 
 /// The layer and the cube, of tissue that is stiff for its weight and comes to rest soon.
-fn scene(name: &str) -> LoadedScene {
+pub(super) fn scene(name: &str) -> LoadedScene {
     let cells = Lattice { cells: [15, 2 + SIDE, 8], edge_m: [EDGE_M; 3], low_m: [0.0; 3] };
     let is_there = |[x, y, z]: [usize; 3]| y == 0 || y >= 2 && (2..2 + SIDE).contains(&x) && (1..=SIDE).contains(&z);
     let layer = format!("{{ box = {{ min_m = [-0.001, -0.001, -0.001], max_m = [0.1, {:.4}, 0.1] }} }}", 1.1 * EDGE_M);
@@ -59,7 +59,8 @@ fn scene(name: &str) -> LoadedScene {
     scene
 }
 
-fn engine_of<'a>(scene: &LoadedScene, station: &Station, life: &'a Life, inbox: &mut Inbox) -> MainLoop<'a> {
+/// An engine of that scene.
+pub(super) fn engine_of<'a>(scene: &LoadedScene, station: &Station, life: &'a Life, inbox: &mut Inbox) -> MainLoop<'a> {
     let (workshop, world) = Workshop::open(scene, Isa::detect()).unwrap();
     assert!(world.objects[CUBE as usize].is_free_piece());
     let mut main = MainLoop::new(life, workshop, world).unwrap();
@@ -80,7 +81,7 @@ fn lying(main: &mut MainLoop<'_>, device: &OwnedPage) -> Vec<u64> {
 }
 
 /// Where a section of a state lies, bytes.
-fn place(state: &[u64], section: usize) -> Range<usize> {
+pub(super) fn place(state: &[u64], section: usize) -> Range<usize> {
     let bytes: &[u8] = bytemuck::cast_slice(state);
     let part: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(section).unwrap();
     let first = part.as_ptr() as usize - bytes.as_ptr() as usize;
@@ -172,6 +173,10 @@ fn who_goes_on_from_a_state_of_tissue_that_sticks_is_rubbed_alike_and_nothing_th
         let hurt = after(sticking(&now, |stuck| stuck.bent_m = [bent_m; 3]));
         assert!(positions(&hurt).as_flattened().iter().all(|part| part.is_finite()), "{bent_m}");
         assert!(stuck(&hurt).iter().flat_map(|stuck| stuck.bent_m).all(|part| part.abs() < 1e-4), "{bent_m}");
+    }
+    let unsure = after(sticking(&now, |stuck| stuck.out = [0.0; 3]));
+    for out in [f32::NAN, f32::INFINITY, 1e30] {
+        assert!(after(sticking(&now, |stuck| stuck.out = [out; 3])) == unsure, "{out}: a way that is none is nothing");
     }
     // What another engine does not know, and what is no section of a state.
     let sizes = sections(&successor.world, 0);
