@@ -309,11 +309,8 @@ mod by_hand {
                 dismiss
             ]
         );
-        assert_eq!(
-            step(7, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "again") }, &mut state),
-            [],
-            "told once"
-        );
+        let again = Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "again") };
+        assert_eq!(step(7, again, &mut state), [], "told once");
         let actions = step(8, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(9) }, &mut state);
         assert_eq!(actions.last(), Some(&Action::EndSwap { role, promoted: false }));
     }
