@@ -159,10 +159,10 @@ mod tests {
         let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped
         let [memory, files] = [FaultKind::LeakMemory, FaultKind::LeakFiles].map(default_rate);
         for words in [
-            "Default: until it is replaced, or undone".to_string(),
+            "Default: until the process is replaced, or the fault undone".to_string(),
             format!("MiB per second. Default: {memory}. leak-files: files per second. Default: {files}"),
             format!("how many successors die, 1 to 20. Default: {DEFAULT_TIMES}"),
-            format!("how many bytes. Default: {DEFAULT_BYTES}"),
+            format!("how many bytes flip. Default: {DEFAULT_BYTES}"),
             format!("the tick, {} to {} ticks from now", GAP_TICKS[0], GAP_TICKS[1]),
         ] {
             assert!(help.contains(&words), "{words}: {help}");
