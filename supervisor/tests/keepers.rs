@@ -114,3 +114,15 @@ fn whoever_interrupts_what_lasts_for_a_time_ends_it() {
     let told = faults.iter().filter(|fault| fault["kind"] == "no-files" && fault["target"] == "guardian").count();
     assert_eq!(told, 3, "each was suffered, for the time that it lasted: {:#}", report["faults"]);
 }
+
+/// Pages of its program had been taken back, and it hung for as long as the disk that has them was busy.
+#[test]
+fn the_memory_of_the_supervisor_is_locked_where_no_limit_binds_it() {
+    let place = Place::new("locked");
+    let child = place.start(&[]);
+    let supervisor = pid_of(&place.wait_ready(), "supervisor");
+    let locked = said(supervisor, "status", "VmLck:");
+    assert!(locked != "0" || !hyst_exchange::locking::is_exempt(), "nothing of it is");
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+}
