@@ -22,6 +22,8 @@ fn keepers_are_hurt_in_test_mode_and_replaced_and_the_report_tells_of_it() {
         inject(&[kind, "supervisor"]);
         place.wait("another supervisor", |rows| rows.iter().any(|(name, pid, _)| name == "supervisor" && *pid != old));
     }
+    let said = std::fs::read_to_string(hyst_exchange::Station::named(&place.name).unwrap().events()).unwrap();
+    assert!(said.contains("the supervisor hangs (silent for 3"), "{said}");
     let mut rows = place.wait_ready();
     let supervisor = pid_of(&rows, "supervisor");
     inject(&["stop", "supervisor", "--for", "20ms"]);
