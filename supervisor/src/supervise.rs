@@ -136,6 +136,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let real_time = crate::settings::is_real_time(station);
     if real_time {
         system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
+        system::lock_memory(); // before there are threads, whose stacks it would fill; refused: then it may wait for its own program's disk
     }
     let page = Arc::new(station.open_for_keeping()?);
     if Roster::restore_header(station)? {

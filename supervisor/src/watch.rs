@@ -9,6 +9,7 @@ mod words;
 use crate::proc::{self, ThreadFiles};
 use crate::suspicion::{Gauge, Opinion, is_real_time};
 use crate::toil::Toil;
+pub use doing::doing;
 use hyst_engine::Silence;
 use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, WATCH_PRIORITY};
 use hyst_exchange::{OwnedPage, ReadPage, system};

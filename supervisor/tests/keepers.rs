@@ -22,6 +22,8 @@ fn keepers_are_hurt_in_test_mode_and_replaced_and_the_report_tells_of_it() {
         inject(&[kind, "supervisor"]);
         place.wait("another supervisor", |rows| rows.iter().any(|(name, pid, _)| name == "supervisor" && *pid != old));
     }
+    let said = std::fs::read_to_string(hyst_exchange::Station::named(&place.name).unwrap().events()).unwrap();
+    assert!(said.contains("the supervisor hangs (silent for 3"), "{said}");
     let mut rows = place.wait_ready();
     let supervisor = pid_of(&rows, "supervisor");
     inject(&["stop", "supervisor", "--for", "20ms"]);
@@ -113,4 +115,16 @@ fn whoever_interrupts_what_lasts_for_a_time_ends_it() {
     let faults = report["faults"].as_array().unwrap();
     let told = faults.iter().filter(|fault| fault["kind"] == "no-files" && fault["target"] == "guardian").count();
     assert_eq!(told, 3, "each was suffered, for the time that it lasted: {:#}", report["faults"]);
+}
+
+/// Pages of its program had been taken back, and it hung for as long as the disk that has them was busy.
+#[test]
+fn the_memory_of_the_supervisor_is_locked_where_no_limit_binds_it() {
+    let place = Place::new("locked");
+    let child = place.start(&[]);
+    let supervisor = pid_of(&place.wait_ready(), "supervisor");
+    let locked = said(supervisor, "status", "VmLck:");
+    assert!(locked != "0" || !hyst_exchange::locking::is_exempt(), "nothing of it is");
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
 }

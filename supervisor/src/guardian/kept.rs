@@ -2,7 +2,9 @@
 
 use super::LOOK_NS;
 use crate::journal::{self, Seldom, Verdict};
+use crate::name;
 use crate::remains::{self, Living};
+use crate::watch;
 use hyst_engine::Silence;
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{OwnedPage, Station, system};
@@ -20,6 +22,8 @@ const MOST_STARTS: u32 = 10;
 const SIGN_OF_LIFE_NS: u64 = 50_000_000;
 /// A supervisor that is silent for longer hangs. It beats every 5 ms.
 const LATE_NS: u64 = 3_000_000_000;
+/// How long what is left of a dead one may have its lock, ns.
+const LEFT_NS: u64 = 60_000_000_000;
 
 /// The supervisor and its starts.
 #[derive(Debug)]
@@ -30,6 +34,8 @@ pub(super) struct Kept {
     condemned: u32,
     next_start_ns: u64,
     silence: Silence,
+    /// Since when there is none and the lock is taken all the same.
+    left_since_ns: Option<u64>,
     said_of_header: Seldom,
 }
 
@@ -37,8 +43,8 @@ impl Kept {
     /// Whoever lives already.
     pub(super) fn new(station: &Station) -> Kept {
         let silence = Silence::new(system::now_ns(), 2 * LOOK_NS);
-        let said_of_header = Seldom::default();
-        Kept { supervisor: living(station), starts: 0, condemned: 0, next_start_ns: 0, silence, said_of_header }
+        let (supervisor, said_of_header) = (living(station), Seldom::default());
+        Kept { supervisor, starts: 0, condemned: 0, next_start_ns: 0, silence, left_since_ns: None, said_of_header }
     }
 
     /// The dead children were reaped: the supervisor may be one of them.
@@ -66,7 +72,8 @@ impl Kept {
             if self.hangs() {
                 if self.condemned != supervisor.pid {
                     self.condemned = supervisor.pid;
-                    journal::say(station, "the supervisor hangs and is replaced");
+                    let (silent_ms, doing) = (self.silence.ns() / 1_000_000, watch::doing(supervisor.pid));
+                    journal::say(station, &format!("the supervisor hangs (silent for {silent_ms} ms{doing}) and is replaced"));
                 }
                 crate::proc::signal(supervisor.pid, rustix::process::Signal::KILL);
             }
@@ -82,10 +89,21 @@ impl Kept {
         }
         // A guardian before this one may have started one that had not registered when this one looked.
         self.supervisor = living(station);
-        if self.supervisor.is_none() {
+        if self.supervisor.is_none() && !self.is_left(station, now_ns) {
             self.start(station);
         }
         true
+    }
+
+    /// Whether something is left of a dead one that has its lock still, as a thread that waits for a disk, or a child that has no program of its own yet.
+    /// Whoever is started meanwhile ends at once, and some of those would end the station.
+    fn is_left(&mut self, station: &Station, now_ns: u64) -> bool {
+        if !matches!(name::lock(station), Ok(None)) {
+            self.left_since_ns = None;
+            return false;
+        }
+        self.silence = Silence::new(now_ns, 2 * LOOK_NS); // nobody is there who could hang
+        now_ns.saturating_sub(*self.left_since_ns.get_or_insert(now_ns)) < LEFT_NS
     }
 
     fn start(&mut self, station: &Station) {
@@ -112,4 +130,29 @@ fn last_words(station: &Station) -> String {
     let log = std::fs::read_to_string(station.log(Slot::first(Role::Supervisor))).unwrap_or_default();
     let lines: Vec<&str> = log.lines().collect();
     lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever was started meanwhile ended at once, and ten of them the station, within three seconds.
+    #[test]
+    fn nobody_is_started_while_what_is_left_of_the_last_one_has_its_lock_but_not_for_ever() {
+        let station = Station::named(&format!("t{}-kept-lock", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut kept = Kept::new(&station);
+        let left = name::lock(&station).unwrap().unwrap();
+        assert_eq!([7, 6 + LEFT_NS, 7 + LEFT_NS].map(|now_ns| kept.is_left(&station, now_ns)), [true, true, false]);
+        drop(left);
+        // A child of another test has it, too, until it executes its program.
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        while kept.is_left(&station, 7) {
+            assert!(system::now_ns() < deadline_ns, "nobody has it");
+            std::thread::yield_now();
+        }
+        assert_eq!(kept.left_since_ns, None);
+        station.wipe();
+    }
 }

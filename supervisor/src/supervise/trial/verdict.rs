@@ -49,7 +49,8 @@ impl Trial {
 
     /// Takes a line of the judge.
     fn take(&mut self, seen: &Seen, now_ns: u64) -> Verdict {
-        self.agreed.0 = seen.good;
+        // The judge says again what it saw before: without a new pair nobody knows what the newcomer does now.
+        let is_news = seen.good > std::mem::replace(&mut self.agreed.0, seen.good);
         let (stage, passed_ns) = (self.stage, now_ns.saturating_sub(self.since_ns));
         // How long it has been on probation the policy knows.
         let is_proof = stage == Stage::Trial && self.role.is_stateful();
@@ -67,7 +68,7 @@ impl Trial {
             None if is_proof && seen.apart >= MOST_APART => {
                 Verdict::Parted("its mesh is another one than the old engine's".to_string())
             }
-            None if is_enough && may_go_on && seen.outside == 0 => Verdict::Agrees,
+            None if is_enough && may_go_on && is_news && seen.outside == 0 => Verdict::Agrees,
             None => Verdict::Open,
         }
     }
@@ -172,6 +173,23 @@ mod tests {
         assert_eq!(first(&found), Some((32, &Verdict::Agrees)), "the two that were bad are no proof");
         let found = verdicts(Role::Fluid, Stage::Trial, false, &[false]);
         assert_eq!(first(&found), Some((30, &Verdict::Agrees)));
+    }
+
+    /// One that had hung since a third of a second when its probation was over was taken, for what it had made before that.
+    #[test]
+    fn a_line_without_a_new_pair_that_agrees_says_nothing_for_a_newcomer() {
+        for (role, stage) in [(Role::Fluid, Stage::Trial), (Role::Fluid, Stage::Shadow), (Role::Recorder, Stage::Trial)] {
+            let mut trial = Trial::begin(record(), role, Spent::default());
+            (trial.stage, trial.since_ns) = (stage, 0);
+            let mut seen = Seen::default();
+            (0..LEAST_PROVEN).for_each(|_| seen.note((0.1, "it is near".to_string())));
+            let said = [0, 0, 1, 0].map(|pairs| {
+                (0..pairs).for_each(|_| seen.note((0.1, "it is near".to_string())));
+                trial.take(&seen, 2 * SHADOW_NS)
+            });
+            let found = [Verdict::Agrees, Verdict::Open, Verdict::Agrees, Verdict::Open];
+            assert_eq!(said, found, "{role:?} {stage:?}");
+        }
     }
 
     #[test]
