@@ -90,10 +90,10 @@ impl Grasp {
         self.grips.clear();
         (self.apart_m, self.hold_m, self.looks) = (apart_m, 0.0, false);
         let tool = &world.case.tool;
-        if tool.jaws().is_none() {
-            return Stand::default();
-        }
-        let stays_shut = apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M);
+        let Some(jaws) = tool.jaws() else { return Stand::default() };
+        // A state that was damaged may say more than they can open again.
+        let before_m = before.hold_m.min(jaws.opening_m);
+        let stays_shut = apart_m <= (before.loop_m + OPENS_M).min(before_m + OPENED_M);
         // Where the pads were in the state: its tissue was drawn to there. What is held by one that jumps would be flung after it.
         let [at, next] = [&before.pose, pose].map(|pose| pad_placer(tool, pose));
         let is_near = |grip: &Grip| {
@@ -103,8 +103,8 @@ impl Grasp {
         };
         let gone_on = |grip: Grip| if stays_shut && is_near(&grip) { grip } else { Grip { pad: grip.pad | LET_GO, ..grip } };
         self.grips.extend(known(section).map(gone_on));
-        if self.grips.iter().any(Grip::is_held) || apart_m < before.hold_m {
-            self.hold_m = before.hold_m;
+        if self.grips.iter().any(Grip::is_held) || apart_m < before_m {
+            self.hold_m = before_m;
         } else {
             self.grips.clear();
             self.looks = apart_m < before.loop_m;

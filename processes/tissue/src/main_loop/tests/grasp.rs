@@ -361,5 +361,13 @@ fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_far
     assert!(apart_m > hold_m + 0.9 * LOOSE_M, "they are {apart_m} m apart and were {hold_m}, and have let go");
     assert_eq!(core_of(&now).hold_m, 0.0, "they are solid again");
     succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+
+    // A damaged state has them farther apart than they can be.
+    let (core, place) = (Core { hold_m: 1e30, ..core_of(&before) }, super::slides::place(&before, 0));
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut before);
+    bytes[place].copy_from_slice(bytemuck::bytes_of(&core));
+    let open_m = world.case.tool.jaws().unwrap().opening_m;
+    let open = fed(&mut main, &pages[1], &before, &at(&world, tick, (middle_m, open_m), (0.0, IN_M)));
+    assert_eq!((core_of(&open).held, core_of(&open).hold_m), (0, 0.0), "fully open they have let go");
     drop((main, successor));
 }
