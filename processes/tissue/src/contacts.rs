@@ -127,6 +127,12 @@ fn way_out(
     (out.map(Vec3::length).fold(depth_m, f32::min), normal, is_sure)
 }
 
+/// How deep a point of the tool is taken to be at most, m: of a loop that is so soft, or of the rest of it, and whether or not it has passed a thin part.
+fn most_depth_m(is_loop: bool, is_held: bool, soft_m: f32) -> f32 {
+    let most_m = if is_loop { MAX_LOOP_DEPTH_M - soft_m } else { MAX_DEPTH_M };
+    if is_held { most_m.min(MAX_HELD_DEPTH_M) } else { most_m }
+}
+
 /// How far the state says that something is bent, m: one that was damaged may say anything.
 fn believed_m(bent_m: [f32; 3]) -> Vec3 {
     let bent_m = Vec3::from(bent_m);
@@ -250,12 +256,7 @@ impl Contacts {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
-                let most_m = match found.source == Source::Held as u32 {
-                    true => MAX_HELD_DEPTH_M,
-                    false if is_loop => MAX_LOOP_DEPTH_M - tool.soft_m,
-                    false => MAX_DEPTH_M,
-                };
-                let depth_m = found.depth_m.min(most_m);
+                let depth_m = found.depth_m.min(most_depth_m(is_loop, found.source == Source::Held as u32, tool.soft_m));
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
                 let remembered = self.remembered(&tissue, found);

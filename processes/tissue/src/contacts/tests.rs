@@ -111,6 +111,14 @@ fn what_jumps_has_no_velocity_and_what_was_nowhere_neither() {
 }
 
 #[test]
+fn a_loop_that_has_just_cut_is_pushed_no_more_where_it_has_passed_a_part_than_where_it_lies_in_one() {
+    let most_m = |is_loop: bool, soft_m: f32| [false, true].map(|is_held| most_depth_m(is_loop, is_held, soft_m));
+    assert_eq!(most_m(true, MAX_LOOP_DEPTH_M), [0.0; 2]);
+    assert_eq!(most_m(true, 0.0), [MAX_LOOP_DEPTH_M, MAX_HELD_DEPTH_M]);
+    assert_eq!(most_m(false, 0.0), [MAX_DEPTH_M, MAX_HELD_DEPTH_M]);
+}
+
+#[test]
 fn buffers_that_were_another_worlds_have_the_sizes_of_new_ones() {
     let scene = hyst_scene::load_embedded().unwrap();
     let (mut workshop, whole) = Workshop::open(&scene, Isa::detect()).unwrap();
