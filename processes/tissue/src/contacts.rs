@@ -14,7 +14,7 @@ use glam::Vec3;
 use hyst_contact::{
     ContactForce, Gap, HITS_OF_A_POINT, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput,
     PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face,
-    penetration, planes,
+    penetration, planes, way_out_m,
 };
 use hyst_engine::Failure;
 use hyst_messages::Pose;
@@ -106,7 +106,8 @@ pub fn tissue<'a>(world: &'a World, positions_m: &'a [[f32; 3]]) -> Tissue<'a> {
 
 /// Depth of a node in other tissue, m, the way out, and whether that is to be remembered. What has just met is behind a face of the very tet that holds it, or
 /// beside a node of the surface; surfaces that coincide, as those of a fresh cut, do not push each other. What remembers its way out (`before`) is pushed to no
-/// other side, however near a face or a node there is. A way out is remembered once a face of the tet says the same.
+/// other side, however near a face or a node there is, unless that way is farther than anything is pushed out from: then it has come from one wall of a
+/// shut cavity into the other one, and would be pushed on through that. A way out is remembered once a face of the tet says the same.
 fn way_out(
     world: &World,
     tissue: &Tissue<'_>,
@@ -114,6 +115,11 @@ fn way_out(
     point_m: [f32; 3],
     before: Option<Vec3>,
 ) -> (f32, [f32; 3], bool) {
+    let leads_out = |way: &Vec3| {
+        let way_m = (point_m, way.to_array(), MAX_TISSUE_DEPTH_M);
+        way_out_m(tissue, &world.topology, found.tet, way_m).is_some()
+    };
+    let before = before.filter(leads_out);
     let direction = Vec3::from(found.direction);
     let direction = before.filter(|before| before.dot(direction) < 0.0).unwrap_or(direction);
     let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), direction.to_array());
