@@ -14,7 +14,7 @@ use glam::Vec3;
 use hyst_contact::{
     ContactForce, Gap, HITS_OF_A_POINT, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput,
     PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face,
-    penetration, planes,
+    penetration, planes, way_out_m,
 };
 use hyst_engine::Failure;
 use hyst_messages::Pose;
@@ -106,7 +106,8 @@ pub fn tissue<'a>(world: &'a World, positions_m: &'a [[f32; 3]]) -> Tissue<'a> {
 
 /// Depth of a node in other tissue, m, the way out, and whether that is to be remembered. What has just met is behind a face of the very tet that holds it, or
 /// beside a node of the surface; surfaces that coincide, as those of a fresh cut, do not push each other. What remembers its way out (`before`) is pushed to no
-/// other side, however near a face or a node there is. A way out is remembered once a face of the tet says the same.
+/// other side, however near a face or a node there is, unless that way is farther than anything is pushed out from: then it has come from one wall of a
+/// shut cavity into the other one, and would be pushed on through that. A way out is remembered once a face of the tet says the same.
 fn way_out(
     world: &World,
     tissue: &Tissue<'_>,
@@ -114,6 +115,11 @@ fn way_out(
     point_m: [f32; 3],
     before: Option<Vec3>,
 ) -> (f32, [f32; 3], bool) {
+    let leads_out = |way: &Vec3| {
+        let way_m = (point_m, way.to_array(), MAX_TISSUE_DEPTH_M);
+        way_out_m(tissue, &world.topology, found.tet, way_m).is_some()
+    };
+    let before = before.filter(leads_out);
     let direction = Vec3::from(found.direction);
     let direction = before.filter(|before| before.dot(direction) < 0.0).unwrap_or(direction);
     let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), direction.to_array());
@@ -125,6 +131,12 @@ fn way_out(
     let ways = of_surface.map(|node| Vec3::from(tissue.positions_m[node]) - Vec3::from(point_m));
     let out = ways.filter(|way| before.is_none() || way.dot(Vec3::from(normal)) >= 0.0);
     (out.map(Vec3::length).fold(depth_m, f32::min), normal, is_sure)
+}
+
+/// How deep a point of the tool is taken to be at most, m: of a loop that is so soft, or of the rest of it, and whether or not it has passed a thin part.
+fn most_depth_m(is_loop: bool, is_held: bool, soft_m: f32) -> f32 {
+    let most_m = if is_loop { MAX_LOOP_DEPTH_M - soft_m } else { MAX_DEPTH_M };
+    if is_held { most_m.min(MAX_HELD_DEPTH_M) } else { most_m }
 }
 
 /// How far the state says that something is bent, m: one that was damaged may say anything.
@@ -250,12 +262,7 @@ impl Contacts {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
-                let most_m = match found.source == Source::Held as u32 {
-                    true => MAX_HELD_DEPTH_M,
-                    false if is_loop => MAX_LOOP_DEPTH_M - tool.soft_m,
-                    false => MAX_DEPTH_M,
-                };
-                let depth_m = found.depth_m.min(most_m);
+                let depth_m = found.depth_m.min(most_depth_m(is_loop, found.source == Source::Held as u32, tool.soft_m));
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
                 let remembered = self.remembered(&tissue, found);

@@ -3,12 +3,12 @@
 //! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that have taken hold stand as far apart as
 //! then, as one sees them, until they have opened so far again, and so long what they took hold of, unless it is an organ, meets their pads alone: nothing is
 //! pressed out from between them or thrown by them, and all else meets them where they stand. What slips, or is no tissue any more, is let go: by how far it
-//! has been drawn from its pad in a step, and not by how far the pad goes in the next one. And jaws that open let go, be it ever so slowly: at once, or where
-//! they no longer touch what they took hold of.
+//! has been drawn from its pad in a step, and not by how far the pad goes in the next one, unless that jumps. And jaws that open let go, be it ever so slowly:
+//! at once, or where they no longer touch what they took hold of.
 
 use crate::contacts::{STIFFNESS_N_M3, ToolMotion};
 use crate::state::Core;
-use crate::through::velocity_m_s;
+use crate::through::{has_jumped, velocity_m_s};
 use crate::tool::{Stand, Tool};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
@@ -79,25 +79,32 @@ pub struct Grasp {
 }
 
 impl Grasp {
-    /// Goes on with what a state holds in a step in which the jaws are to be so far apart; gives how they stand in it.
-    pub fn go_on(&mut self, world: &World, (section, before): (&[u8], &Core), apart_m: f32, positions_m: &[[f32; 3]]) -> Stand {
+    /// Goes on with what a state holds in a step in which the tool is at a pose and its jaws are to be so far apart; gives how they stand in it.
+    pub fn go_on(
+        &mut self,
+        world: &World,
+        (section, before): (&[u8], &Core),
+        (pose, apart_m): (&Pose, f32),
+        positions_m: &[[f32; 3]],
+    ) -> Stand {
         self.grips.clear();
         (self.apart_m, self.hold_m, self.looks) = (apart_m, 0.0, false);
         let tool = &world.case.tool;
-        if tool.jaws().is_none() {
-            return Stand::default();
-        }
-        let stays_shut = apart_m <= (before.loop_m + OPENS_M).min(before.hold_m + OPENED_M);
-        // Where the pads were in the state: its tissue was drawn to there.
-        let at = pad_placer(tool, &before.pose);
+        let Some(jaws) = tool.jaws() else { return Stand::default() };
+        // A state that was damaged may say more than they can open again.
+        let before_m = before.hold_m.min(jaws.opening_m);
+        let stays_shut = apart_m <= (before.loop_m + OPENS_M).min(before_m + OPENED_M);
+        // Where the pads were in the state: its tissue was drawn to there. What is held by one that jumps would be flung after it.
+        let [at, next] = [&before.pose, pose].map(|pose| pad_placer(tool, pose));
         let is_near = |grip: &Grip| {
             let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
-            at(grip.pad).zip(point).is_some_and(|(pad, point)| pad.distance(point) <= SLIP_M)
+            let pads = at(grip.pad).zip(next(grip.pad)).filter(|(pad, next)| !has_jumped(*pad, *next));
+            pads.zip(point).is_some_and(|((pad, _), point)| pad.distance(point) <= SLIP_M)
         };
         let gone_on = |grip: Grip| if stays_shut && is_near(&grip) { grip } else { Grip { pad: grip.pad | LET_GO, ..grip } };
         self.grips.extend(known(section).map(gone_on));
-        if self.grips.iter().any(Grip::is_held) || apart_m < before.hold_m {
-            self.hold_m = before.hold_m;
+        if self.grips.iter().any(Grip::is_held) || apart_m < before_m {
+            self.hold_m = before_m;
         } else {
             self.grips.clear();
             self.looks = apart_m < before.loop_m;

@@ -236,6 +236,11 @@ pub fn velocity_m_s(from_m: [f32; 3], to_m: [f32; 3], since_s: f32) -> [f32; 3] 
     (moved_m(from_m, to_m) / since_s).clamp_length_max(FASTEST_M_S).to_array()
 }
 
+/// Whether what came from one place to another in a step has jumped there, and not moved.
+pub fn has_jumped(from: Vec3, to: Vec3) -> bool {
+    from.distance(to) > FARTHEST_M
+}
+
 /// The way from one place to another, m: none, if it has jumped.
 fn moved_m(from_m: [f32; 3], to_m: [f32; 3]) -> Vec3 {
     let way_m = Vec3::from(to_m) - Vec3::from(from_m);

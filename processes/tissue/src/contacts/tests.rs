@@ -110,6 +110,41 @@ fn what_jumps_has_no_velocity_and_what_was_nowhere_neither() {
     assert_eq!(crate::through::velocity_m_s([0.0; 3], [0.001, 0.0, 0.0], f32::INFINITY), [0.0; 3]);
 }
 
+/// Just behind each face of the boundary, in a part that is thick there.
+#[test]
+fn a_way_back_that_leads_on_through_a_thick_part_is_none_and_one_that_leads_out_of_it_is_kept() {
+    const BEHIND: f32 = 0.05;
+    let (world, mut tried) = (world(), 0);
+    let (topology, positions_m) = (&world.topology, &world.body.rest.positions_m[..]);
+    let tissue = tissue(&world, positions_m);
+    for (tet, behind) in (0..).zip(&topology.neighbours) {
+        let faces: Vec<usize> = (0..4).filter(|face| behind[*face] == NONE).collect();
+        let &[face] = &faces[..] else { continue };
+        let weights = std::array::from_fn(|corner| if corner == face { BEHIND } else { (1.0 - BEHIND) / 3.0 });
+        let place_m = gather(world.model.tets()[tet as usize], weights, positions_m).unwrap();
+        let (depth_m, out) = own_face(&tissue, topology, tet, &weights, None).unwrap();
+        let on = out.map(|part| -part);
+        if way_out_m(&tissue, topology, tet, (place_m, on, MAX_TISSUE_DEPTH_M)).is_some() {
+            continue;
+        }
+        for before in [out, on] {
+            let found = Penetration { tet, weights, depth_m: MAX_DEPTH_M, direction: before, ..Penetration::default() };
+            let way = way_out(&world, &tissue, &found, place_m, Some(Vec3::from(before)));
+            assert_eq!(way, (depth_m, out, true), "tet {tet}, {before:?}");
+        }
+        tried += 1;
+    }
+    assert!(tried > 100, "{tried} faces of thick parts");
+}
+
+#[test]
+fn a_loop_that_has_just_cut_is_pushed_no_more_where_it_has_passed_a_part_than_where_it_lies_in_one() {
+    let most_m = |is_loop: bool, soft_m: f32| [false, true].map(|is_held| most_depth_m(is_loop, is_held, soft_m));
+    assert_eq!(most_m(true, MAX_LOOP_DEPTH_M), [0.0; 2]);
+    assert_eq!(most_m(true, 0.0), [MAX_LOOP_DEPTH_M, MAX_HELD_DEPTH_M]);
+    assert_eq!(most_m(false, 0.0), [MAX_DEPTH_M, MAX_HELD_DEPTH_M]);
+}
+
 #[test]
 fn buffers_that_were_another_worlds_have_the_sizes_of_new_ones() {
     let scene = hyst_scene::load_embedded().unwrap();

@@ -20,7 +20,8 @@ impl MainLoop<'_> {
             return Ok([before.loop_m, hand.loop_m].map(Stand::of_loop));
         }
         let stood = Stand { solid_m: Some(before.loop_m.max(before.hold_m)), looks: false };
-        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), hand.loop_m, positions_m);
+        let (section, goes) = (message.section(GRASP)?, (&hand.pose, hand.loop_m));
+        let stands = self.grasp.go_on(&self.world, (section, before), goes, positions_m);
         Ok([stood, stands])
     }
 }

@@ -27,7 +27,7 @@ const MOST_STEPS: u64 = 20;
 /// Ticks of which no input comes, and how fast the hand goes on meanwhile, m/s: likewise by more than that.
 const GAP: u64 = 20;
 const ON_M_S: f32 = 0.1;
-/// How far a piece may come from where jaws took hold of it while they close on, m.
+/// How far a piece may come from where jaws took hold of it while they close on, or in the step in which they jump, m.
 const FLUNG_M: f32 = 1e-3;
 /// Ticks within which jaws that go on meet the wall, and for how many they go on into it.
 const MEETS: u64 = 2_000;
@@ -112,6 +112,15 @@ fn pushed_by_jaws(main: &MainLoop<'_>, now: &[u64], object: u32) -> ([usize; 2],
         }
     }
     (points, push_n)
+}
+
+/// Jaws that jump far off, out of the cavity, let go of what they hold, which stays.
+fn assert_jumps_without_it(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], (object, tick): (u32, u64)) {
+    let jumps = at(&main.world, tick, (0.2 * Vec3::NEG_Z, 0.0), (0.0, 0.004));
+    let after = fed(main, device, now, &jumps);
+    assert_eq!((core_of(&after).held, core_of(&after).taken_out), (0, 0), "the jaws have jumped");
+    let went_m = sunk(main, &after, object).1.distance(sunk(main, now, object).1);
+    assert!(went_m < FLUNG_M, "what they held is flung after them by {went_m} m");
 }
 
 /// Jaws that have closed on a place and roll on the spot draw what each pad holds around their axis.
@@ -279,7 +288,7 @@ fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_n
 }
 
 #[test]
-fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_does() {
+fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_or_by_a_jump_does() {
     let (station, pages) = founded_with(4, "fast", &settings());
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
@@ -305,6 +314,7 @@ fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_
         now = fed(&mut main, &pages[1], &now, &back_by(1e-3 * ON_M_S * GAP as f32, tick + GAP + 4 * step, ON_M_S));
         assert_eq!(core_of(&now).held, held, "{GAP} ticks were lost, {step} steps ago");
     }
+    assert_jumps_without_it(&mut main, &pages[1], &gripped, (object, tick));
 
     let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
     let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
@@ -351,5 +361,13 @@ fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_far
     assert!(apart_m > hold_m + 0.9 * LOOSE_M, "they are {apart_m} m apart and were {hold_m}, and have let go");
     assert_eq!(core_of(&now).hold_m, 0.0, "they are solid again");
     succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+
+    // A damaged state has them farther apart than they can be.
+    let (core, place) = (Core { hold_m: 1e30, ..core_of(&before) }, super::slides::place(&before, 0));
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut before);
+    bytes[place].copy_from_slice(bytemuck::bytes_of(&core));
+    let open_m = world.case.tool.jaws().unwrap().opening_m;
+    let open = fed(&mut main, &pages[1], &before, &at(&world, tick, (middle_m, open_m), (0.0, IN_M)));
+    assert_eq!((core_of(&open).held, core_of(&open).hold_m), (0, 0.0), "fully open they have let go");
     drop((main, successor));
 }
