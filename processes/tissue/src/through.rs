@@ -1,17 +1,15 @@
 //! What the tool has gone through: none of its points tunnels, however fast it is and however thin the part. What passes between its points is not seen: a
 //! part that is narrower than they are apart may.
 //!
-//! A point that lies in tissue is found by the intersection test. One that went into a part and out of its far side is not, or in what lies behind alone; it is
-//! held here by the face that it went in by, until it is back on that face's outer side. Two things lead to a point being held: it lay in the tissue a step
-//! before (the state remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds. A part may have another one of its own
-//! object behind it: a point that lies in that is past the first, if the way out of that is not as long as the way back to where it came in.
+//! A point that lies in tissue is found by the intersection test. One that went into a part and out of its far side is not; it is held here by the face
+//! that it went in by, until it is back on that face's outer side. Two things lead to a point being held: it lay in the tissue a step before (the state
+//! remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds.
 
 use crate::contacts::ToolMotion;
 use crate::world::World;
 use glam::{Quat, Vec3};
 use hyst_contact::{
-    Crossing, HashRef, Hit, Memory, Penetration, Sense, Source, SweepInput, Tissue, Topology, first_crossing, sweep,
-    triangles_in_box, way_out_m,
+    Crossing, HashRef, Hit, Memory, Penetration, Sense, Source, SweepInput, Tissue, first_crossing, sweep, triangles_in_box,
 };
 use hyst_engine::Failure;
 
@@ -45,11 +43,7 @@ struct Missed {
     owner: u32,
     /// The way back out, a unit vector.
     out: Vec3,
-    /// How far along that the face is that it went in by, m; and so far it is looked for.
-    face_m: f32,
     reach_m: f32,
-    /// How long the way out is of the part of this object that it lies in all the same, m.
-    part_m: Option<f32>,
     /// What its friction was before.
     bent_m: [f32; 3],
 }
@@ -74,8 +68,7 @@ impl Through {
         self.before_m.resize(tool, [0.0; 3]);
         self.entered.resize(tool, None);
         self.missed.clear();
-        // By what it knew, and by what it came into.
-        self.missed.reserve(2 * tool);
+        self.missed.reserve(tool);
         self.near.clear();
         self.near.reserve(world.topology.boundary.len());
         self.held.clear();
@@ -83,8 +76,8 @@ impl Through {
         self.tissue_m = 0.0;
     }
 
-    /// Looks which points of the tool are past what they lay in a step before, or have come into since; and tells those that a fast step brought into tissue by
-    /// which face they came in. `memory` is that of the tool's points.
+    /// Looks which points of the tool lie in no tissue though they did a step before, or are past some; and tells those that a fast step brought into
+    /// tissue by which face they came in. `memory` is that of the tool's points.
     pub fn look(
         &mut self,
         world: &World,
@@ -112,17 +105,25 @@ impl Through {
         self.missed.clear();
         let mut next = 0;
         for (point, memory) in memory.iter_mut().enumerate() {
-            next += hits[next..].iter().take_while(|hit| (hit.point as usize) < point).count();
-            let of_point = hits[next..].iter().take_while(|hit| hit.point as usize == point);
-            let hit_in = |owner: u32| of_point.clone().find(|hit| tissue.tet_owner.get(hit.tet as usize) == Some(&owner));
-            let known = Some(*memory).filter(|memory| memory.direction != [0.0; 3]);
-            let came = self.came_in(world, tool, point);
-            let is_in_known = known.is_some_and(|known| hit_in(known.owner).is_some());
-            if let Some(came) = came.filter(|came| !is_in_known && hit_in(came.owner).is_some()) {
-                *memory = came;
+            while hits.get(next).is_some_and(|hit| (hit.point as usize) < point) {
+                next += 1;
             }
-            for memory in [known, came].into_iter().flatten() {
-                self.miss((world, tissue), tool, (point, hit_in(memory.owner)), &memory);
+            let hit = hits.get(next).filter(|hit| hit.point as usize == point);
+            let entered = self.entered[point].filter(|entered| faces(world, tool, point, entered)).map(|entered| Memory {
+                owner: world.topology.boundary_owner[entered.triangle as usize],
+                direction: entered.normal,
+                depth_m: 0.0,
+                bent_m: [0.0; 3],
+            });
+            match hit {
+                Some(hit) => {
+                    let owner = tissue.tet_owner.get(hit.tet as usize);
+                    let is_known = Some(&memory.owner) == owner && memory.direction != [0.0; 3];
+                    if let Some(entered) = entered.filter(|entered| !is_known && Some(&entered.owner) == owner) {
+                        *memory = entered;
+                    }
+                }
+                None => self.miss(point, if memory.direction == [0.0; 3] { entered } else { Some(*memory) }, tool),
             }
         }
         Ok(())
@@ -146,45 +147,16 @@ impl Through {
         ways_m.filter(|way_m| *way_m <= FARTHEST_M).fold(0.0, f32::max)
     }
 
-    /// What a point knows of the tissue that it came into in this step, if the sweep has found any: how deep it was before is negative.
-    fn came_in(&self, world: &World, tool: &ToolMotion<'_>, point: usize) -> Option<Memory> {
-        let crossing = self.entered.get(point).copied().flatten().filter(|crossing| faces(world, tool, point, crossing))?;
-        let way = Vec3::from(*tool.points_m.get(point)?) - Vec3::from(self.before_m[point]);
-        Some(Memory {
-            owner: world.topology.boundary_owner[crossing.triangle as usize],
-            direction: crossing.normal,
-            depth_m: crossing.fraction * way.dot(Vec3::from(crossing.normal)),
-            bent_m: [0.0; 3],
-        })
-    }
-
-    /// Notes a point that came into an object with this known and lies in none of its tissue, or in another part of it than the one that it came into. The face
-    /// that it came in by is as far away now as it has not come back out, and as face and tissue may have changed on its way along it.
-    fn miss(
-        &mut self,
-        (world, tissue): (&World, &Tissue<'_>),
-        tool: &ToolMotion<'_>,
-        (point, hit): (usize, Option<&Hit>),
-        known: &Memory,
-    ) {
-        let Some(place_m) = tool.points_m.get(point) else { return };
+    /// Notes a point that lies in no tissue but came in with this known. The face that it came in by is as far away now as it has not come back out, and as
+    /// face and tissue may have changed on its way along it.
+    fn miss(&mut self, point: usize, known: Option<Memory>, tool: &ToolMotion<'_>) {
+        let (Some(known), Some(place)) = (known, tool.points_m.get(point)) else { return };
         let Some(out) = Vec3::from(known.direction).try_normalize() else { return };
-        let way = Vec3::from(*place_m) - Vec3::from(self.before_m[point]);
+        let way = Vec3::from(*place) - Vec3::from(self.before_m[point]);
         let along_m = way.dot(out);
-        let face_m = known.depth_m - along_m;
-        let slack_m = (way - along_m * out).length() + self.tissue_m + SLACK_M;
-        let mut part_m = None;
-        if let Some(hit) = hit {
-            part_m = way_out_m(tissue, &world.topology, hit.tet, (*place_m, out.to_array(), FARTHEST_M));
-            // Nearly always it lies in the part that it came into.
-            if part_m.is_none_or(|part_m| (part_m - face_m).abs() <= SWEPT_FROM_M) {
-                return;
-            }
-        }
-        let reach_m = part_m.map_or(face_m, |part_m| part_m.max(face_m)) + slack_m;
+        let reach_m = known.depth_m - along_m + (way - along_m * out).length() + self.tissue_m + SLACK_M;
         if reach_m > 0.0 && reach_m <= FARTHEST_M {
-            let (point, owner, bent_m) = (point as u32, known.owner, known.bent_m);
-            self.missed.push(Missed { point, owner, out, face_m, reach_m, part_m, bent_m });
+            self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m, bent_m: known.bent_m });
         }
     }
 
@@ -207,17 +179,17 @@ impl Through {
         }
         let mut room = found.iter_mut();
         for missed in &self.missed {
-            // By what it knew, or else by what it came into.
-            if self.held.last() == Some(&missed.point) {
-                continue;
-            }
-            let crossing = face_of(missed, place(missed), (topology, tissue.positions_m), &self.near);
+            let (from, owner) = (place(missed), missed.owner);
+            let to = from + missed.out * missed.reach_m;
+            let of_owner = self.near.iter().copied().filter(|triangle| topology.boundary_owner[*triangle as usize] == owner);
+            let (from_m, to_m) = (from.to_array(), to.to_array());
+            let crossing = first_crossing(from_m, to_m, Sense::Out, tissue.positions_m, &topology.boundary, of_owner);
             if let Some(crossing) = crossing.filter(|crossing| faces(world, tool, missed.point as usize, crossing))
                 && let Some(contact) = contact(world, missed, &crossing)
                 && let Some(place) = room.next()
             {
-                let (owner, bent_m) = (missed.owner, missed.bent_m);
-                memory[missed.point as usize] = Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m };
+                memory[missed.point as usize] =
+                    Memory { owner, direction: crossing.normal, depth_m: contact.depth_m, bent_m: missed.bent_m };
                 *place = contact;
                 self.held.push(missed.point);
             }
@@ -251,27 +223,6 @@ fn moved_m(from_m: [f32; 3], to_m: [f32; 3]) -> Vec3 {
 fn faces(world: &World, tool: &ToolMotion<'_>, point: usize, crossing: &Crossing) -> bool {
     let outward = Quat::from_array(tool.orientation) * Vec3::from(world.case.tool.outward[point]);
     outward.dot(Vec3::from(crossing.normal)) <= MOST_ALONG
-}
-
-/// The face that a point went in by, among the triangles near the points: of those of its object that look out along its way back the first or the last one,
-/// whichever is nearer to where it was last known to be. None for a point that lies in a part of this object, if that face is this part's: that is found.
-fn face_of(missed: &Missed, from: Vec3, (topology, positions_m): (&Topology, &[[f32; 3]]), near: &[u32]) -> Option<Crossing> {
-    let (from_m, to_m) = (from.to_array(), (from + missed.out * missed.reach_m).to_array());
-    let look = |[from_m, to_m]: [[f32; 3]; 2], sense: Sense| {
-        let of_owner = near.iter().copied().filter(|triangle| topology.boundary_owner[*triangle as usize] == missed.owner);
-        first_crossing(from_m, to_m, sense, positions_m, &topology.boundary, of_owner)
-    };
-    let first = look([from_m, to_m], Sense::Out)?;
-    // The last one that looks out is the first that looks in on the way from the other end.
-    let last = look([to_m, from_m], Sense::In);
-    let last = last.map_or(first, |last| Crossing { fraction: 1.0 - last.fraction, ..last });
-    let [first_m, last_m] = [first, last].map(|crossing| crossing.fraction * missed.reach_m);
-    let is_first = |at_m: f32| (first_m - at_m).abs() <= (last_m - at_m).abs();
-    let is_found = |part_m: f32| last_m - first_m <= SWEPT_FROM_M || is_first(part_m) == is_first(missed.face_m);
-    if missed.part_m.is_some_and(is_found) {
-        return None;
-    }
-    Some(if is_first(missed.face_m) { first } else { last })
 }
 
 /// The contact of a point with the face that it went in by.

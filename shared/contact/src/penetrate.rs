@@ -273,21 +273,18 @@ impl Step<'_> {
         if depth_m > 0.0 { depth_m.min(max) } else { 0.0 }
     }
 
-    /// Keeps each point's direction for the next tick; a fallback keeps what was known before. Of several objects a point keeps to the one that it knows: it
-    /// may leave that by its far side while it is still in another one.
+    /// Keeps each point's direction for the next tick; a fallback keeps what was known before.
     fn remember(&mut self) {
-        let (hits, tissue) = (self.hits, self.input.tissue);
-        let mut next = 0;
+        let mut h = 0;
         for (point, memory) in self.memory.iter_mut().enumerate() {
-            next += hits[next..].iter().take_while(|hit| (hit.point as usize) < point).count();
-            let count = hits[next..].iter().take_while(|hit| hit.point as usize == point).count();
-            if count == 0 {
+            while h < self.hits.len() && (self.hits[h].point as usize) < point {
+                h += 1;
+            }
+            let Some(hit) = self.hits.get(h).filter(|hit| hit.point as usize == point) else {
                 *memory = Memory::default();
                 continue;
-            }
-            let is_known = |hit: &Hit| memory.direction != [0.0; 3] && tissue.owner(hit.tet) == memory.owner;
-            let h = next + hits[next..next + count].iter().position(is_known).unwrap_or(0);
-            let (owner, way) = (tissue.owner(hits[h].tet), self.work.found[h]);
+            };
+            let (owner, way) = (self.input.tissue.owner(hit.tet), self.work.found[h]);
             if way.source != Source::Fallback as u32 {
                 let bent_m = if memory.owner == owner { memory.bent_m } else { [0.0; 3] };
                 *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m, bent_m };

@@ -160,51 +160,6 @@ fn a_workspace_that_was_another_meshs_finds_what_a_new_one_finds() {
     }
 }
 
-/// A slab of an object of its own, 2 mm thick, whose free side is so far before that of the wall, and the tool.
-fn poke_with_slab(before_m: f32, owner: u32) -> Poke {
-    let (mut positions_m, mut tets) = wall();
-    let (of_slab_m, of_slab) = block([12, 12, 1], 2.0 * MM, [-12.0 * MM, -12.0 * MM, -before_m]);
-    let (first, of_wall) = (positions_m.len() as u32, tets.len());
-    positions_m.extend(of_slab_m);
-    tets.extend(of_slab.iter().map(|tet| tet.map(|node| node + first)));
-    let mut poke = Poke::new(positions_m, tets, &tool_at([0.0; 3]));
-    poke.tet_owner[of_wall..].fill(owner);
-    poke.topology = Topology::new(&poke.tets, &poke.tet_owner, &poke.positions_m).unwrap();
-    poke
-}
-
-/// The wall has the lower tets.
-#[test]
-fn a_point_in_two_objects_keeps_to_the_one_that_it_came_into_first() {
-    let mut poke = poke_with_slab(1.5 * MM, 2);
-    let mut known = |tip_m: f32| {
-        let tool = tool_at([0.3 * MM, 0.1 * MM, tip_m]);
-        let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
-        let of_tip = out.iter().filter(|found| found.point == 0).count();
-        (of_tip, poke.memory[0].owner, poke.memory[0].depth_m)
-    };
-    assert_eq!(known(-1.0 * MM).1, 2, "in the slab");
-    let (objects, owner, depth_m) = known(0.3 * MM);
-    assert!(objects == 2 && owner == 2 && (depth_m - 1.8 * MM).abs() < 0.1 * MM, "{objects}: {depth_m} m in {owner}");
-    assert_eq!((known(1.0 * MM).1, known(0.3 * MM).1), (1, 1), "out of the slab's far side, and back");
-}
-
-#[test]
-fn the_way_out_is_that_of_the_part_that_a_tet_belongs_to_whatever_lies_before_it() {
-    for owner in [1, 2] {
-        let poke = poke_with_slab(2.5 * MM, owner);
-        let at = [0.3 * MM, 0.1 * MM, 3.0 * MM];
-        let hit = common::hits(&[at], &Points { owner: &[common::TOOL], node: &[], own: None }, &poke.tissue(), 0.004)[0];
-        let way_m = |along: [f32; 3], most_m: f32| way_out_m(&poke.tissue(), &poke.topology, hit.tet, (at, along, most_m));
-        for (along, length_m) in [([0.0, 0.0, -1.0], 3.0 * MM), ([0.0, 0.0, 1.0], 9.0 * MM), ([0.8, 0.0, -0.6], 5.0 * MM)] {
-            let found_m = way_m(along, 20.0 * MM).unwrap();
-            assert!((found_m - length_m).abs() < 1e-6, "{found_m} m along {along:?}");
-            assert_eq!(way_m(along, 0.9 * length_m), None, "farther than it is asked for");
-        }
-        assert_eq!(way_out_m(&poke.tissue(), &poke.topology, NONE, (at, [0.0, 0.0, 1.0], 1.0)), None, "no such tet");
-    }
-}
-
 #[test]
 fn topology_joins_all_inner_faces_and_bounds_the_block() {
     let (positions_m, tets) = wall();

@@ -33,18 +33,6 @@ pub fn scene(name: &str, lattice: &Lattice, is_there: impl Fn([usize; 3]) -> boo
 
 /// The same as an object of that kind.
 pub fn scene_of(name: &str, kind: &str, lattice: &Lattice, is_there: impl Fn([usize; 3]) -> bool, fixed: &str) -> Folder {
-    scene_placed(name, lattice, is_there, |_, place_m| place_m, &format!("kind = \"{kind}\"\nfixed = [{fixed}]\n"))
-}
-
-/// The same with nodes that are elsewhere than in a lattice, by their numbers along the axes and their places there, and an object of which these lines of a
-/// scene say what it is.
-pub fn scene_placed(
-    name: &str,
-    lattice: &Lattice,
-    is_there: impl Fn([usize; 3]) -> bool,
-    placed_m: impl Fn([usize; 3], [f32; 3]) -> [f32; 3],
-    object: &str,
-) -> Folder {
     let folder = Folder(std::env::temp_dir().join(format!("t{}-lattice-{name}", std::process::id())));
     std::fs::create_dir_all(&folder.0).unwrap();
     let [nx, ny, nz] = lattice.cells;
@@ -54,8 +42,7 @@ pub fn scene_placed(
     let mut node = |at: [usize; 3]| {
         let next = number.len();
         *number.entry(at).or_insert_with(|| {
-            let place = std::array::from_fn(|axis| lattice.low_m[axis] + at[axis] as f32 * lattice.edge_m[axis]);
-            let place = placed_m(at, place);
+            let place: [f32; 3] = std::array::from_fn(|axis| lattice.low_m[axis] + at[axis] as f32 * lattice.edge_m[axis]);
             nodes += &format!("{} {} {}\n", place[0], place[1], place[2]);
             next
         })
@@ -88,7 +75,7 @@ pub fn scene_placed(
     );
     std::fs::write(folder.0.join("lattice.vtk"), mesh).unwrap();
     let scene = format!(
-        "version = 1\nname = \"{name}\"\n[[deformable]]\nname = \"lattice\"\nmesh = \"lattice.vtk\"\nscale_to_m = 1.0\n{object}\
+        "version = 1\nname = \"{name}\"\n[[deformable]]\nname = \"lattice\"\nkind = \"{kind}\"\nmesh = \"lattice.vtk\"\nscale_to_m = 1.0\nfixed = [{fixed}]\n\
          [[rigid]]\nname = \"hysteroscope\"\nkind = \"hysteroscope\"\n"
     );
     std::fs::write(folder.scene(), scene).unwrap();
