@@ -230,7 +230,8 @@ impl Skin {
     }
 
     /// Lets come apart what still joins two parts: a vertex that its triangles share follows one tet for as long as a way leads from one to the other, and is not
-    /// looked at again where the wire goes through that way at some distance. `part_of_tet`: the part of each tet. Tells how many vertices found no room.
+    /// looked at again where the wire goes through that way at some distance. No vertex is left without a triangle. `part_of_tet`: the part of each tet. Tells
+    /// how many vertices found no room.
     pub(super) fn part_by(&mut self, rest: &TetMesh, part_of_tet: &[u32], options: &CutOptions) -> usize {
         // Once for each vertex: some six triangles have it.
         let part_of: Vec<u32> = self.bindings.iter().map(|binding| part_of_tet[binding.tet as usize]).collect();
@@ -246,25 +247,44 @@ impl Skin {
         let vertices = joining.iter().flat_map(|triangle| self.triangles[*triangle as usize]);
         let asked_m = unders.iter().map(|under| under.point).chain(vertices.map(|vertex| at(&self.rest_m, vertex)));
         let place = Neighbourhood::new(rest, self.around(&joining).tets_in(&rest.positions_m, &rest.tets), asked_m);
+        // Where there is nothing of a triangle's object near it, it goes with its first corner.
+        let tet_of = |under: &Under| {
+            let [first, ..] = self.triangles[under.triangle as usize];
+            self.host(&place, under).map_or(self.bindings[first as usize].tet, |one| place.tets[one.home as usize])
+        };
+        let homes: Vec<u32> = unders.iter().map(tet_of).collect();
+        // How many triangles each vertex has, without those that it is to have another one for.
+        let mut uses = vec![0_u32; self.rest_m.len()];
+        self.triangles.as_flattened().iter().for_each(|vertex| uses[*vertex as usize] += 1);
+        for (triangle, tet) in joining.iter().zip(&homes) {
+            let leaves = |vertex: &u32| part_of[*vertex as usize] != part_of_tet[*tet as usize];
+            let corners = self.triangles[*triangle as usize];
+            corners.iter().filter(|vertex| leaves(vertex)).for_each(|vertex| uses[*vertex as usize] -= 1);
+        }
         let (mut own, mut out_of_room) = (BTreeMap::new(), 0);
-        for under in unders {
-            let Some(Hosted { triangle, home, .. }) = self.host(&place, &under) else { continue };
-            let part = part_of_tet[place.tets[home as usize] as usize];
+        for (triangle, home) in joining.into_iter().zip(homes) {
+            let part = part_of_tet[home as usize];
             for corner in 0..3 {
                 let vertex = self.triangles[triangle as usize][corner];
                 if part_of[vertex as usize] == part {
                     continue;
                 }
-                let known = own.get(&(vertex, part)).copied();
-                if known.is_none() && self.rest_m.len() >= options.max_vertices {
+                // One that no triangle would have any more goes along itself: else it would stay, and nobody would bind it again.
+                let (known, is_left) = (own.get(&(vertex, part)).copied(), uses[vertex as usize] == 0);
+                if known.is_none() && !is_left && self.rest_m.len() >= options.max_vertices {
                     out_of_room += 1;
                     continue;
                 }
                 let name = known.unwrap_or_else(|| {
                     let point = at(&self.rest_m, vertex);
                     let nearest = place.home(point, |index| part_of_tet[place.tets[index as usize] as usize] == part);
-                    let binding = bound(&place, nearest.unwrap_or(home), point);
-                    self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize])
+                    let tet = nearest.map_or(home, |index| place.tets[index as usize]);
+                    let binding = Binding { tet, weights: weights(rest, tet, point) };
+                    if !is_left {
+                        return self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
+                    }
+                    (self.bindings[vertex as usize], uses[vertex as usize]) = (binding, 1);
+                    vertex
                 });
                 own.insert((vertex, part), name);
                 self.triangles[triangle as usize][corner] = name;
