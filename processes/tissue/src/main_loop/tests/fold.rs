@@ -139,7 +139,7 @@ fn is_before_m(place: [f32; 3]) -> bool {
 #[test]
 fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     let [(blind_m, none, unstuck), (seeing_m, pairs, sticks)] =
-        [true, false].map(|blind| pressed(if blind { "blind-fold" } else { "fold" }, (false, blind)));
+        [true, false].map(|blind| pressed(if blind { "no-fold" } else { "fold" }, (false, blind)));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs");
@@ -149,7 +149,7 @@ fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
 #[test]
 fn an_organ_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     let [(blind_m, none, _), (seeing_m, pairs, sticks)] =
-        [true, false].map(|blind| pressed(if blind { "blind-organs" } else { "organs" }, (true, blind)));
+        [true, false].map(|blind| pressed(if blind { "no-organ" } else { "organs" }, (true, blind)));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && sticks > 0 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs, {sticks} nodes stick");
