@@ -28,8 +28,8 @@ fn faces_m() -> [f32; 2] {
     [LOW_M[2] + EDGE_M, LOW_M[2] + (1 + GAP) as f32 * EDGE_M]
 }
 
-/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, how many pairs met, and how many nodes stick to a leaf then; `is_apart`: they
-/// do not hang together; `blind`: no fold meets another, and no organ.
+/// How deep the near leaf's nodes lie in the far leaf at most after a press, m, how many pairs met at most, and how many nodes stuck to a leaf at most;
+/// `is_apart`: they do not hang together; `blind`: no fold meets another, and no organ.
 fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
     let cells = [10, 5, 2 + GAP];
     let lattice = Lattice { cells, edge_m: [EDGE_M; 3], low_m: LOW_M };
@@ -47,7 +47,7 @@ fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
         be_blind(&mut main);
     }
     let mut now = first_state(&mut main);
-    let mut pairs = 0;
+    let (mut pairs, mut sticks) = (0, 0);
     for tick in 1..=PRESS + STAY {
         let z = LOW_M[2] + WAY_M[0] + tick.min(PRESS) as f32 / PRESS as f32 * (WAY_M[1] - WAY_M[0]);
         let pose = Pose { position_m: [ACROSS_M, 0.0, z], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
@@ -55,6 +55,7 @@ fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
         now = stepped(&mut main, &pages[1], &before, tick, pose, PieceFlow::default());
         assert!(main.accepts(bytemuck::cast_slice(&now)), "{name}: the state of tick {tick} is none");
         pairs = pairs.max(main.contacts.pairs().len());
+        sticks = sticks.max(super::slides::stuck(&now).iter().filter(|stuck| stuck.bent_m != [0.0; 3]).count());
         let of_organs = &main.points_m[main.world.points.organs_from..main.world.points.own_from];
         let there = of_organs.iter().filter(|place| place[0].is_finite()).count();
         assert!(there == 0 || tick > 1, "{there} nodes of organs are looked at that are near no other one");
@@ -62,7 +63,6 @@ fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
             are_found_in_shares(&main, positions(&before), &known);
         }
     }
-    let sticks = super::slides::stuck(&now).iter().filter(|stuck| stuck.bent_m != [0.0; 3]).count();
     (deepest_m(&main.world, positions(&now)), pairs, sticks)
 }
 
@@ -139,20 +139,20 @@ fn is_before_m(place: [f32; 3]) -> bool {
 #[test]
 fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     let [(blind_m, none, unstuck), (seeing_m, pairs, sticks)] =
-        [true, false].map(|blind| pressed(if blind { "blind-fold" } else { "fold" }, (false, blind)));
+        [true, false].map(|blind| pressed(if blind { "no-fold" } else { "fold" }, (false, blind)));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs");
-    assert!(unstuck == 0 && sticks > 0, "{unstuck} nodes stick to what they do not meet, {sticks} to what they do");
+    assert!(unstuck == 0 && sticks > 0, "{unstuck} nodes stuck to what they did not meet, {sticks} to what they did");
 }
 
 #[test]
 fn an_organ_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     let [(blind_m, none, _), (seeing_m, pairs, sticks)] =
-        [true, false].map(|blind| pressed(if blind { "blind-organs" } else { "organs" }, (true, blind)));
+        [true, false].map(|blind| pressed(if blind { "no-organ" } else { "organs" }, (true, blind)));
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
-    assert!(pairs > 5 && sticks > 0 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs, {sticks} nodes stick");
+    assert!(pairs > 5 && sticks > 0 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs, {sticks} nodes stuck");
 }
 
 /// Ticks of the hand: it has pressed the wall in by millimetres by then.

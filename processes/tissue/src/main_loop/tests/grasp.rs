@@ -21,17 +21,22 @@ const BACK_M_S: f32 = 0.02;
 const BACK: u64 = 250;
 /// A fast hand, m/s, which goes back by more in a step of four ticks than what is held may be drawn from its pad; steps for which it does, with what nothing
 /// holds, and at most with what grows on the wall.
-const FAST_M_S: f32 = 0.5;
-const FAST_STEPS: u64 = 6;
+const FAST_M_S: f32 = 0.45;
+const FAST_STEPS: u64 = 3;
 const MOST_STEPS: u64 = 20;
 /// Ticks of which no input comes, and how fast the hand goes on meanwhile, m/s: likewise by more than that.
 const GAP: u64 = 20;
+<<<<<<< HEAD
 const ON_M_S: f32 = 0.1;
 /// How far a piece may come from where jaws took hold of it while they close on, or in the step in which they jump, m.
+=======
+const ON_M_S: f32 = 0.09;
+/// How far a piece may come from where jaws took hold of it while they close on, m.
+>>>>>>> s48-q
 const FLUNG_M: f32 = 1e-3;
-/// Ticks within which jaws that go on meet the wall, and for how many they go on into it.
+/// Ticks within which jaws that go on meet what is before them, and with how much they push that at least, N: far more than what grazes them on the way.
 const MEETS: u64 = 2_000;
-const INTO: u64 = 75;
+const MET_N: f32 = 0.02;
 /// How far jaws roll in a tick, rad, and how fast the pads at their sides go then at least, m/s.
 const ROLL_RAD: f32 = 2e-3;
 const AROUND_M_S: f32 = 5e-4;
@@ -94,21 +99,20 @@ fn lifted(
     (now, middle_m, tick)
 }
 
-/// How many points of the jaws lie in an object in the step that made a state, and in something else, and what those that push the latter do to it together, N.
-fn pushed_by_jaws(main: &MainLoop<'_>, now: &[u64], object: u32) -> ([usize; 2], Vec3) {
+/// How many points of the jaws push something else than an object in the step that made a state, and with how much all together, N; the object they do not.
+fn pushed_by_jaws(main: &MainLoop<'_>, now: &[u64], object: u32) -> (usize, f32) {
     let (world, tool) = (&main.world, &main.world.case.tool);
     let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
     let after = StateRef { position_m: message.section(1).unwrap(), velocity_m_s: message.section(2).unwrap() };
-    let (mut points, mut push_n) = ([0; 2], Vec3::ZERO);
+    let (mut points, mut push_n) = (0, 0.0);
     for hit in main.collision.hits().iter().filter(|hit| (tool.shaft..tool.pads).contains(&(hit.point as usize))) {
         let (nodes, weights) = (world.model.tets()[hit.tet as usize], hit.weights.map(|weight| weight.clamp(0.0, 1.0)));
         let spring = main.contacts.springs().iter().find(|spring| spring.nodes == nodes && spring.weights == weights);
         if world.body.rest.regions[hit.tet as usize] == object {
-            points[0] += 1;
             assert!(spring.is_none(), "what the jaws hold is pushed by them");
         } else if let Some(spring) = spring {
-            points[1] += 1;
-            push_n += Vec3::from(main.scratch.push(&world.model, &LAW, spring, &after).force_n);
+            points += 1;
+            push_n += Vec3::from(main.scratch.push(&world.model, &LAW, spring, &after).force_n).length();
         }
     }
     (points, push_n)
@@ -267,29 +271,29 @@ fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_n
     assert!(flung_m < FLUNG_M, "jaws that close on fling what they hold by {flung_m} m");
 
     let (mut now, mut middle_m, mut tick) = lifted(&mut main, &pages[1], (now, middle_m, tick + 1));
-    let (ahead, mut into) = (middle_m.normalize(), 0);
-    for _ in 0..MEETS {
+    let (ahead, end) = (middle_m.normalize(), tick + MEETS);
+    let (mut met, mut push_n) = (0, 0.0);
+    while push_n < MET_N && tick < end {
         middle_m += 1e-3 * BACK_M_S * ahead;
         now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (BACK_M_S, IN_M)));
         tick += 1;
-        let ([_, met], _) = pushed_by_jaws(&main, &now, object);
-        into += u64::from(met > 0);
-        if into > INTO {
-            break;
-        }
+        (met, push_n) = pushed_by_jaws(&main, &now, object);
     }
-    let ([_, met], push_n) = pushed_by_jaws(&main, &now, object);
     let felt_n = Vec3::from(core_of(&now).force_n);
-    println!("{met} points of the jaws push the wall with {push_n} N, and {felt_n} N are felt");
-    assert!(into > INTO, "the jaws go through the wall, or meet none: {into} ticks");
+    println!("{met} points of the jaws push what is before them with {push_n} N at {middle_m} m, and {felt_n} N are felt");
+    assert!(push_n >= MET_N, "the jaws go through what is before them: {met} points push with {push_n} N at {middle_m} m");
     assert!(core_of(&now).held > 0, "the piece has slipped out");
-    assert!(met > 2 && push_n.length() > 0.05, "{met} points push with {push_n} N");
     drop(main);
 }
 
 #[test]
+<<<<<<< HEAD
 fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_or_by_a_jump_does() {
     let (station, pages) = founded_with(4, "fast", &settings());
+=======
+fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_does() {
+    let (station, pages) = founded("fast", &settings());
+>>>>>>> s48-q
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
@@ -298,6 +302,7 @@ fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_
     let (gripped, gripped_m, tick) = lifted(&mut main, &pages[1], closed);
     let (held, back) = (core_of(&gripped).held, gripped_m.normalize());
     assert!(held >= 3, "{held} points are held");
+    main.take_step(4);
     let back_by = |way_m: f32, tick: u64, m_s: f32| at(&world, tick, (gripped_m - way_m * back, 0.0), (-m_s, IN_M));
 
     let mut now = gripped.clone();
@@ -307,7 +312,7 @@ fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_
     }
     let came_m = sunk(&main, &gripped, object).1.distance(sunk(&main, &now, object).1);
     let went_m = 4e-3 * FAST_M_S * FAST_STEPS as f32;
-    assert!((came_m - went_m).abs() < 0.3 * went_m, "the piece came by {came_m} of {went_m} m");
+    assert!((came_m - went_m).abs() < 0.4 * went_m, "the piece came by {came_m} of {went_m} m");
 
     let mut now = gripped.clone();
     for step in 0..3 {
@@ -317,9 +322,11 @@ fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_
     assert_jumps_without_it(&mut main, &pages[1], &gripped, (object, tick));
 
     let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
+    main.take_step(1);
     let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
     let (held, back, mut steps) = (core_of(&now).held, middle_m.normalize(), 0);
     assert!(held >= 3, "{held} points of the polyp are held");
+    main.take_step(4);
     while core_of(&now).held > 0 {
         (middle_m, steps, tick) = (middle_m - 4e-3 * FAST_M_S * back, steps + 1, tick + 4);
         assert!(steps <= MOST_STEPS, "it holds for ever");
