@@ -299,10 +299,8 @@ impl Press {
         let to = StateMut { position_m: &mut self.next_m, velocity_m_s: &mut self.next_m_s };
         let report = step(&world.model, &mut self.scratch, from, &forces, to).map_err(text)?;
         laps.lap();
-
         self.scratch.move_surface(&self.surface, &mut self.surface_m);
         laps.lap();
-
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
         let sticks = (&mut self.memory[..], &mut self.stuck[..]);
         (self.planes, laps.record.force_n) =
