@@ -13,8 +13,8 @@ use crate::world::{TOOL_ID, World};
 use glam::Vec3;
 use hyst_contact::{
     ContactForce, Gap, HITS_OF_A_POINT, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput,
-    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face,
-    penetration, planes, way_out_m,
+    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, leads_out,
+    own_face, penetration, planes,
 };
 use hyst_engine::Failure;
 use hyst_messages::Pose;
@@ -115,11 +115,8 @@ fn way_out(
     point_m: [f32; 3],
     before: Option<Vec3>,
 ) -> (f32, [f32; 3], bool) {
-    let leads_out = |way: &Vec3| {
-        let way_m = (point_m, way.to_array(), MAX_TISSUE_DEPTH_M);
-        way_out_m(tissue, &world.topology, found.tet, way_m).is_some()
-    };
-    let before = before.filter(leads_out);
+    let leads_back = |way: &Vec3| leads_out(tissue, &world.topology, found.tet, (point_m, way.to_array(), MAX_TISSUE_DEPTH_M));
+    let before = before.filter(leads_back);
     let direction = Vec3::from(found.direction);
     let direction = before.filter(|before| before.dot(direction) < 0.0).unwrap_or(direction);
     let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), direction.to_array());
@@ -251,12 +248,12 @@ impl Contacts {
                 if !world.points.is_pushed_by(found.point as usize, owner) {
                     continue;
                 }
-                let stuck = stuck.get(node as usize).filter(|stuck| **stuck != Stuck::default());
-                let (depth_m, normal, is_sure) = way_out(world, &tissue, found, point, Stuck::out_of(stuck, owner));
+                let known = Stuck::of(stuck, node, owner);
+                let (depth_m, normal, is_sure) = way_out(world, &tissue, found, point, known.and_then(Stuck::way_back));
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
-                let sticks_at_m = (Vec3::from(point) - at + Stuck::way_m(stuck, owner)).to_array();
+                let sticks_at_m = (Vec3::from(point) - at + known.map_or(Vec3::ZERO, Stuck::way_m)).to_array();
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, sticks_at_m, stiffness_n_m });
-                let (out, is_known) = (if is_sure { normal } else { [0.0; 3] }, stuck.is_some_and(|stuck| stuck.owner == owner));
+                let (out, is_known) = (if is_sure { normal } else { [0.0; 3] }, known.is_some());
                 self.pressed.push(Pressed { owner, out, is_known });
             } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);

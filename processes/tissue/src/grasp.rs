@@ -8,7 +8,7 @@
 
 use crate::contacts::{STIFFNESS_N_M3, ToolMotion};
 use crate::state::Core;
-use crate::through::{has_jumped, velocity_m_s};
+use crate::through::{has_moved, velocity_m_s};
 use crate::tool::{Stand, Tool};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
@@ -98,7 +98,7 @@ impl Grasp {
         let [at, next] = [&before.pose, pose].map(|pose| pad_placer(tool, pose));
         let is_near = |grip: &Grip| {
             let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
-            let pads = at(grip.pad).zip(next(grip.pad)).filter(|(pad, next)| !has_jumped(*pad, *next));
+            let pads = at(grip.pad).zip(next(grip.pad)).filter(|(pad, next)| has_moved(*pad, *next));
             pads.zip(point).is_some_and(|((pad, _), point)| pad.distance(point) <= SLIP_M)
         };
         let gone_on = |grip: Grip| if stays_shut && is_near(&grip) { grip } else { Grip { pad: grip.pad | LET_GO, ..grip } };

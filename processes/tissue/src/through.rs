@@ -208,15 +208,15 @@ pub fn velocity_m_s(from_m: [f32; 3], to_m: [f32; 3], since_s: f32) -> [f32; 3] 
     (moved_m(from_m, to_m) / since_s).clamp_length_max(FASTEST_M_S).to_array()
 }
 
-/// Whether what came from one place to another in a step has jumped there, and not moved.
-pub fn has_jumped(from: Vec3, to: Vec3) -> bool {
-    from.distance(to) > FARTHEST_M
+/// Whether what came from one place to another in a step has moved there, and not jumped.
+pub fn has_moved(from: Vec3, to: Vec3) -> bool {
+    from.distance(to) <= FARTHEST_M
 }
 
 /// The way from one place to another, m: none, if it has jumped.
 fn moved_m(from_m: [f32; 3], to_m: [f32; 3]) -> Vec3 {
-    let way_m = Vec3::from(to_m) - Vec3::from(from_m);
-    if way_m.length() <= FARTHEST_M { way_m } else { Vec3::ZERO }
+    let (from, to) = (Vec3::from(from_m), Vec3::from(to_m));
+    if has_moved(from, to) { to - from } else { Vec3::ZERO }
 }
 
 /// Whether a face is one that a point of the tool can meet from outside of the tissue: one that looks against the tool's own surface there.

@@ -59,4 +59,4 @@ pub use tet::TetTest;
 pub use topology::{NONE, Topology, TopologyMaker};
 pub use types::{Found, HITS_OF_A_POINT, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
-pub use walk::{Exit, way_out_m};
+pub use walk::{Exit, leads_out};

@@ -58,17 +58,11 @@ pub(crate) fn exit_along(
     None
 }
 
-/// How far a point in a tet is from the surface of the part that the tet belongs to, m, along a unit vector and at most so far; `None` if that is farther, or
-/// the way is lost in a flat tet. What lies in or before that part, of the same object or of another one, is not looked at.
-pub fn way_out_m(
-    tissue: &Tissue<'_>,
-    topology: &Topology,
-    tet: u32,
-    (from_m, along, most_m): ([f32; 3], [f32; 3], f32),
-) -> Option<f32> {
+/// Whether a straight way from a point in a tet along a unit vector leaves the part that the tet belongs to within so many metres; not if it is lost in a flat
+/// tet. What lies in or before that part, of the same object or of another one, is not looked at.
+pub fn leads_out(tissue: &Tissue<'_>, topology: &Topology, tet: u32, (from_m, along, most_m): ([f32; 3], [f32; 3], f32)) -> bool {
     let (from, along) = (Vec3::from_array(from_m), Vec3::from_array(along));
-    let exit = exit_along(tissue, topology, |_| Vec3::ZERO, tet, (from, from + most_m * along))?;
-    Some((exit.point_m - from).dot(along))
+    exit_along(tissue, topology, |_| Vec3::ZERO, tet, (from, from + most_m * along)).is_some()
 }
 
 /// The normal at a crossing.

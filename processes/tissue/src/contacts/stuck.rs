@@ -35,14 +35,19 @@ pub(super) struct Pressed {
 }
 
 impl Stuck {
-    /// The way from a node to what it sticks to of an object, m; none where it remembers another one, or nothing.
-    pub(super) fn way_m(of_node: Option<&Stuck>, owner: u32) -> Vec3 {
-        of_node.filter(|stuck| stuck.owner == owner).map_or(Vec3::ZERO, |stuck| believed_m(stuck.bent_m))
+    /// What a node remembers of an object; nothing where it remembers another one.
+    pub(super) fn of(all: &[Stuck], node: u32, owner: u32) -> Option<&Stuck> {
+        all.get(node as usize).filter(|stuck| stuck.owner == owner && **stuck != Stuck::default())
     }
 
-    /// The way back out of an object that a node remembers, a unit vector.
-    pub(super) fn out_of(of_node: Option<&Stuck>, owner: u32) -> Option<Vec3> {
-        of_node.filter(|stuck| stuck.owner == owner).and_then(|stuck| Vec3::from(stuck.out).try_normalize())
+    /// The way to what the node sticks to, m.
+    pub(super) fn way_m(&self) -> Vec3 {
+        believed_m(self.bent_m)
+    }
+
+    /// The way back out of the object, a unit vector, if it is known.
+    pub(super) fn way_back(&self) -> Option<Vec3> {
+        Vec3::from(self.out).try_normalize()
     }
 }
 

@@ -124,7 +124,7 @@ fn a_way_back_that_leads_on_through_a_thick_part_is_none_and_one_that_leads_out_
         let place_m = gather(world.model.tets()[tet as usize], weights, positions_m).unwrap();
         let (depth_m, out) = own_face(&tissue, topology, tet, &weights, None).unwrap();
         let on = out.map(|part| -part);
-        if way_out_m(&tissue, topology, tet, (place_m, on, MAX_TISSUE_DEPTH_M)).is_some() {
+        if leads_out(&tissue, topology, tet, (place_m, on, MAX_TISSUE_DEPTH_M)) {
             continue;
         }
         for before in [out, on] {

@@ -34,6 +34,7 @@ use hyst_exchange::usher::usher;
 use hyst_exchange::{OwnedPage, Station};
 use hyst_messages::{InputRecord, PieceFlow, Slot, contents};
 use loans::{LEFT, written};
+use std::ops::Range;
 
 const STEPS: u64 = 12;
 
@@ -72,7 +73,12 @@ fn founded_with(step_ticks: u64, name: &str, settings: &str) -> (Wiped, [OwnedPa
 
 /// One with steps of one tick and without workers, and what an engine of it has beside the pages: a life, and an inbox.
 fn begun(name: &str) -> (Wiped, [OwnedPage; 3], Life, Inbox) {
-    let (station, pages) = founded(name, "workers = 0");
+    begun_with(1, name, "workers = 0")
+}
+
+/// The same with steps of so many ticks and other settings.
+fn begun_with(step_ticks: u64, name: &str, settings: &str) -> (Wiped, [OwnedPage; 3], Life, Inbox) {
+    let (station, pages) = founded_with(step_ticks, name, settings);
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let inbox = usher(&station, None, 1, Vec::new()).unwrap();
     (station, pages, life, inbox)
@@ -253,15 +259,28 @@ fn succeeds(successor: &mut MainLoop<'_>, tick: u64, before: &[u8], now: &[u64])
     assert_eq!(successor.why_refused(&spoilt), Refusal::Version);
 }
 
+/// Where a section of a state lies, bytes.
+fn place_of(state: &[u64], section: usize) -> Range<usize> {
+    let bytes: &[u8] = bytemuck::cast_slice(state);
+    let part: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(section).unwrap();
+    let first = part.as_ptr() as usize - bytes.as_ptr() as usize;
+    first..first + part.len()
+}
+
+/// A state with another core.
+fn with_core(state: &[u64], core: &Core) -> Vec<u64> {
+    let (range, mut state) = (place_of(state, 0), state.to_vec());
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
+    bytes[range].copy_from_slice(bytemuck::bytes_of(core));
+    state
+}
+
 /// Its maker takes a state that he has just made without reading its body again, and not if a number of it is none.
 fn is_taken_by_its_maker(maker: &MainLoop<'_>, tick: u64, now: &[u64]) {
     assert!(maker.accepts(bytemuck::cast_slice(now)) && maker.accepts_own(bytemuck::cast_slice(now)), "state {tick}");
     let spoilt = |section: usize, word: u32| {
         let mut spoilt = now.to_vec();
-        let bytes: &[u8] = bytemuck::cast_slice(now);
-        let part: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(section).unwrap();
-        let at = (part.as_ptr() as usize - bytes.as_ptr() as usize) / 4;
-        bytemuck::cast_slice_mut::<u64, u32>(&mut spoilt)[at] = word;
+        bytemuck::cast_slice_mut::<u64, u32>(&mut spoilt)[place_of(now, section).start / 4] = word;
         spoilt
     };
     let flaws = [

@@ -37,9 +37,7 @@ fn parts_and_objects(main: &MainLoop<'_>) -> [u32; 2] {
 #[test]
 fn of_two_blocks_in_one_file_the_one_that_nothing_holds_is_a_piece_before_the_other_is_cut_and_never_counts() {
     let files = blocks();
-    let (station, pages) = founded("apart", &format!("workers = 0\nscene = {:?}", files.scene()));
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "apart", &format!("workers = 0\nscene = {:?}", files.scene()));
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let first = Arc::clone(&main.world);
     let free: Vec<u32> = first.objects.iter().filter(|object| object.is_free_piece()).map(|object| object.id).collect();

@@ -115,20 +115,12 @@ fn a_cold_loop_is_solid_a_hot_one_cuts_and_one_in_its_sheath_is_not_there() {
 
 /// The state as if its loop had been cold for long.
 fn hardened(now: &[u64]) -> Vec<u64> {
-    let mut now = now.to_vec();
-    let core = Core { hold_m: 0.0, ..core_of(&now) };
-    let section: &[u8] = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section(0).unwrap();
-    let at = section.as_ptr() as usize - now.as_ptr() as usize;
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut now);
-    bytes[at..at + size_of::<Core>()].copy_from_slice(bytemuck::bytes_of(&core));
-    now
+    with_core(now, &Core { hold_m: 0.0, ..core_of(now) })
 }
 
 /// What the planes say at the tip in each tick since the pedal of a wire was let go that rests in the fundus, N; `at_once`: as if it had been cold for long.
 fn let_go(name: &str, at_once: bool) -> Vec<Vec3> {
-    let (station, pages) = founded(name, "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun(name);
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let electrode = main.world.case.electrode.clone().unwrap();
     let tip_m = [0.0, 0.0, first_met_m(&main.world, &electrode) + DEEP_M - electrode.reach_m];

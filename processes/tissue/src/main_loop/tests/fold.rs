@@ -38,9 +38,7 @@ fn pressed(name: &str, (is_apart, blind): (bool, bool)) -> (f32, usize, usize) {
     let end = format!("{{ box = {{ min_m = [-0.1, -0.1, 0.0], max_m = [{end_m:.4}, 0.1, {back_m:.4}] }} }}, ");
     let fixed = format!("{}{{ above_z_m = {} }}", if is_apart { end.as_str() } else { "" }, faces_m()[1] + 0.9 * EDGE_M);
     let folder = lattice::scene(name, &lattice, is_there, &fixed);
-    let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.scene()));
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let mut main = engine(&station, &life, &mut inbox);
     assert_eq!(main.world.points.organs, if is_apart { vec![0u32, 1] } else { Vec::new() });
     if blind {

@@ -152,9 +152,7 @@ fn piece(world: &World) -> u32 {
 
 #[test]
 fn what_is_between_jaws_that_close_comes_along_is_let_go_when_they_open_and_can_be_taken_out() {
-    let (station, pages) = founded("grasp", &settings());
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "grasp", &settings());
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let (world, object) = (Arc::clone(&main.world), piece(&main.world));
     let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], object);
@@ -205,9 +203,7 @@ fn what_is_between_jaws_that_close_comes_along_is_let_go_when_they_open_and_can_
 
 #[test]
 fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull_too_far() {
-    let (station, pages) = founded("pull", &settings());
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "pull", &settings());
     let mut main = engine(&station, &life, &mut inbox);
     let world = Arc::clone(&main.world);
     let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
@@ -242,9 +238,7 @@ fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull
 
 #[test]
 fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_not_flung_by_them() {
-    let (station, pages) = founded("meet", &settings());
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "meet", &settings());
     let mut main = engine(&station, &life, &mut inbox);
     let (world, object) = (Arc::clone(&main.world), piece(&main.world));
     let owners = (0..).zip(world.body.owners());
@@ -283,9 +277,7 @@ fn jaws_that_hold_a_piece_meet_the_wall_where_they_stand_and_what_they_hold_is_n
 
 #[test]
 fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_too_hard_or_by_a_jump_does() {
-    let (station, pages) = founded("fast", &settings());
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "fast", &settings());
     let mut main = engine(&station, &life, &mut inbox);
     let (world, object) = (Arc::clone(&main.world), piece(&main.world));
     let closed = closed_on(&mut main, &pages[1], object);
@@ -329,9 +321,7 @@ fn nothing_slips_for_long_steps_or_lost_ticks_of_a_fast_hand_and_what_is_pulled_
 
 #[test]
 fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_farther_apart_than_when_they_took_hold() {
-    let (station, pages) = founded("slowly", &settings());
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(1, "slowly", &settings());
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let (world, object) = (Arc::clone(&main.world), piece(&main.world));
     let (mut now, middle_m) = sunk_with_jaws(&mut main, &pages[1], object);
@@ -360,9 +350,7 @@ fn jaws_that_tremble_hold_on_and_those_that_open_slowly_let_go_once_they_are_far
     succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
 
     // A damaged state has them farther apart than they can be.
-    let (core, place) = (Core { hold_m: 1e30, ..core_of(&before) }, super::slides::place(&before, 0));
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut before);
-    bytes[place].copy_from_slice(bytemuck::bytes_of(&core));
+    let before = with_core(&before, &Core { hold_m: 1e30, ..core_of(&before) });
     let open_m = world.case.tool.jaws().unwrap().opening_m;
     let open = fed(&mut main, &pages[1], &before, &at(&world, tick, (middle_m, open_m), (0.0, IN_M)));
     assert_eq!((core_of(&open).held, core_of(&open).hold_m), (0, 0.0), "fully open they have let go");

@@ -88,9 +88,7 @@ const LOOSE: Try = Try { damping_n_s_m: 3.0, ..USUAL };
 const LIGHT: Try = Try { stiffness_n_m: 100.0, mass_kg: 0.1, ..LOOSE };
 
 fn held(number: usize, tried: &Try) -> Held {
-    let (station, pages) = founded_with(tried.step_ticks, &format!("grip{number}"), "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(tried.step_ticks, &format!("grip{number}"), "workers = 0");
     let mut scene = hyst_scene::load_embedded().unwrap();
     scene.objects.iter_mut().for_each(|object| object.material.youngs_modulus_pa *= tried.stiffer);
     let (workshop, world) = Workshop::open(&scene, Isa::detect()).unwrap();

@@ -2,7 +2,7 @@
 //! part, whoever goes on with it.
 
 use super::pieces::{flow, sunk};
-use super::slides::{CUBE, EDGE_M, engine_of, place, scene, stuck};
+use super::slides::{CUBE, EDGE_M, engine_of, scene, stuck};
 use super::*;
 use glam::Vec3;
 
@@ -19,7 +19,7 @@ const GOES: u64 = 20;
 fn pressed(main: &MainLoop<'_>, state: &[u64], deep_m: f32) -> Vec<u64> {
     let (owners, rest_m) = (main.world.body.owners(), main.world.model.rest_m());
     let by_m = Vec3::new(ASIDE_M[0], -EDGE_M - deep_m, ASIDE_M[1]);
-    let (places, velocities, mut state) = (place(state, 1), place(state, 2), state.to_vec());
+    let (places, velocities, mut state) = (place_of(state, 1), place_of(state, 2), state.to_vec());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
     bytes[velocities].fill(0);
     let positions_m: &mut [[f32; 3]] = bytemuck::cast_slice_mut(&mut bytes[places]);
@@ -31,9 +31,7 @@ fn pressed(main: &MainLoop<'_>, state: &[u64], deep_m: f32) -> Vec<u64> {
 
 #[test]
 fn what_is_pressed_into_a_leaf_beyond_its_middle_comes_back_on_its_own_side_whoever_goes_on_with_it() {
-    let (station, pages) = founded("leaves", "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun("leaves");
     let scene = scene("leaves");
     let [mut holder, mut successor] = [(); 2].map(|()| engine_of(&scene, &station, &life, &mut inbox));
     let mut now = first_state(&mut holder);

@@ -16,11 +16,9 @@ fn moving(world: &World, now: &[u64]) -> Vec<u64> {
         if world.model.is_held(node) { [0.0; 3] } else { ((1.0 + wave) * MOVES_M_S).to_array() }
     };
     let velocities_m_s: Vec<[f32; 3]> = world.model.rest_m().iter().enumerate().map(velocity).collect();
-    let section: &[u8] = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap().section(2).unwrap();
-    let at = section.as_ptr() as usize - now.as_ptr() as usize;
-    let mut state = now.to_vec();
+    let (range, mut state) = (place_of(now, 2), now.to_vec());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
-    bytes[at..at + section.len()].copy_from_slice(bytemuck::cast_slice(&velocities_m_s));
+    bytes[range].copy_from_slice(bytemuck::cast_slice(&velocities_m_s));
     state
 }
 

@@ -222,10 +222,7 @@ fn the_largest_piece_and_what_was_taken_off_the_wall_stay_whoever_goes_on_from_t
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let mut now = first_state(&mut main);
     let core = Core { largest_piece_ml: 0.25, healthy_removed_ml: 0.5, ..core_of(&now) };
-    let section: &[u8] = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section(0).unwrap();
-    let at = section.as_ptr() as usize - now.as_ptr() as usize;
-    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut now);
-    bytes[at..at + size_of::<Core>()].copy_from_slice(bytemuck::bytes_of(&core));
+    now = with_core(&now, &core);
     let next = fed(&mut main, &pages[1], &now, &InputRecord { tick: 1, ..InputRecord::default() });
     let after = fed(&mut successor, &pages[1], &next, &InputRecord { tick: 2, ..InputRecord::default() });
     assert_eq!([&next, &after].map(|state| core_of(state).largest_piece_ml), [0.25; 2]);

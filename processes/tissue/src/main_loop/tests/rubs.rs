@@ -134,23 +134,17 @@ fn a_tip_that_slides_along_the_wall_is_held_back_by_the_friction_that_the_tissue
 
 /// Bits that flip in what the points remember cost a little friction, and nothing else.
 fn goes_on_from_any_memory(main: &mut MainLoop<'_>, device: &OwnedPage, (state, record): (Vec<u64>, InputRecord)) {
-    let place = |state: &[u64]| {
-        let bytes: &[u8] = bytemuck::cast_slice(state);
-        let memory: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(4).unwrap();
-        let first = memory.as_ptr() as usize - bytes.as_ptr() as usize;
-        first..first + memory.len()
-    };
     let next = InputRecord { tick: record.tick + 1, ..record };
     let usual_n = Vec3::from(core_of(&fed(main, device, &state, &next)).force_n);
     for bent_m in [f32::NAN, f32::INFINITY, 1e30, -0.03, 0.01] {
         let mut damaged = state.clone();
-        let range = place(&damaged);
+        let range = place_of(&damaged, 4);
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut damaged);
         let memory: &mut [Memory] = bytemuck::cast_slice_mut(&mut bytes[range]);
         memory.iter_mut().for_each(|memory| memory.bent_m = [bent_m; 3]);
         let after = fed(main, device, &damaged, &next);
         assert!(positions(&after).as_flattened().iter().all(|part| part.is_finite()), "{bent_m}");
-        let remembered: &[Memory] = bytemuck::cast_slice(&bytemuck::cast_slice::<u64, u8>(&after)[place(&after)]);
+        let remembered: &[Memory] = bytemuck::cast_slice(&bytemuck::cast_slice::<u64, u8>(&after)[place_of(&after, 4)]);
         assert!(remembered.iter().flat_map(|memory| memory.bent_m).all(|part| part.abs() <= 0.01), "{bent_m}");
         let force_n = Vec3::from(core_of(&after).force_n);
         assert!(force_n.distance(usual_n) < 2.5 * LAW.friction * usual_n.length(), "{bent_m}: {force_n}, not {usual_n}");

@@ -89,9 +89,7 @@ impl Bench<'_> {
 /// A tool and a sheet, in steps of so many ticks.
 fn with_sheet(step_ticks: u64, name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Bench<'_>)) {
     let folder = sheet(name);
-    let (station, pages) = founded_with(step_ticks, name, &format!("workers = 0\nscene = {:?}", folder.scene()));
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(step_ticks, name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let mut main = engine(&station, &life, &mut inbox);
     let now = first_state(&mut main);
     let mut bench = Bench { main, device: &pages[1], now, tick: 0, tip_m };

@@ -9,7 +9,6 @@ use crate::state::{STUCK, stuck_of};
 use glam::Vec3;
 use hyst_scene::LoadedScene;
 use hyst_tissue::Isa;
-use std::ops::Range;
 
 /// Edge of the cells, m. A layer of them is held; a cube of so many on a side, one cell above it, is free.
 pub(super) const EDGE_M: f32 = 2e-3;
@@ -80,17 +79,9 @@ fn lying(main: &mut MainLoop<'_>, device: &OwnedPage) -> Vec<u64> {
     flow(main, device, now, PieceFlow::default(), 1..SETTLES)
 }
 
-/// Where a section of a state lies, bytes.
-pub(super) fn place(state: &[u64], section: usize) -> Range<usize> {
-    let bytes: &[u8] = bytemuck::cast_slice(state);
-    let part: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(section).unwrap();
-    let first = part.as_ptr() as usize - bytes.as_ptr() as usize;
-    first..first + part.len()
-}
-
 /// A state in which the cube is elsewhere.
 fn moved(main: &MainLoop<'_>, state: &[u64], by_m: Vec3) -> Vec<u64> {
-    let (range, owners, mut state) = (place(state, 1), main.world.body.owners(), state.to_vec());
+    let (range, owners, mut state) = (place_of(state, 1), main.world.body.owners(), state.to_vec());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
     let positions_m: &mut [[f32; 3]] = bytemuck::cast_slice_mut(&mut bytes[range]);
     for (place_m, _) in positions_m.iter_mut().zip(owners).filter(|(_, owner)| *owner == Some(CUBE)) {
@@ -106,7 +97,7 @@ pub(super) fn stuck(state: &[u64]) -> &[Stuck] {
 
 /// A state in which that is changed.
 fn sticking(state: &[u64], change: impl Fn(&mut Stuck)) -> Vec<u64> {
-    let (range, mut state) = (place(state, STUCK), state.to_vec());
+    let (range, mut state) = (place_of(state, STUCK), state.to_vec());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
     let stuck: &mut [Stuck] = bytemuck::cast_slice_mut(&mut bytes[range]);
     stuck.iter_mut().for_each(change);

@@ -19,9 +19,7 @@ const PEAK: f32 = 1.5;
 
 /// Thrusts the tool in and draws it back as fast, in steps of so many ticks.
 fn thrust_in(step_ticks: u64) {
-    let (station, pages) = founded_with(step_ticks, &format!("thrust{step_ticks}"), "workers = 0");
-    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
-    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (station, pages, life, mut inbox) = begun_with(step_ticks, &format!("thrust{step_ticks}"), "workers = 0");
     let mut main = engine(&station, &life, &mut inbox);
     let scene = hyst_scene::load_embedded().unwrap();
     let hand = scene.hand("press").unwrap();
