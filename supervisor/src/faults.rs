@@ -22,6 +22,7 @@ use crate::{corrupt, mischief, shortage};
 use control::Search;
 use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system, whole};
 use hyst_messages::{Role, Slot, TICK_NS};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -102,10 +103,15 @@ fn path(station: &Station, name: &str) -> PathBuf {
     station.root().join(name)
 }
 
+/// What the lines of a file say; one that is none says nothing.
+fn lines<T: DeserializeOwned>(station: &Station, name: &str) -> Vec<T> {
+    let text = std::fs::read_to_string(path(station, name)).unwrap_or_default();
+    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+}
+
 impl Faults {
     /// Starts from what a supervisor before this one left.
     pub fn new(station: &Station, schedule: &[Injection]) -> Result<Faults, StationError> {
-        let text = std::fs::read_to_string(path(station, "faults.jsonl")).unwrap_or_default();
         let open = std::fs::read_to_string(path(station, "open.json")).unwrap_or_default();
         let open: Open = serde_json::from_str(&open).unwrap_or_default();
         shortage::relieve_all(station, |kind| open.faults.iter().any(|fault| fault.is(kind)));
@@ -117,7 +123,7 @@ impl Faults {
             slots: Vec::new(),
             ledger: Ledger::resume(open.counted),
             open,
-            closed: text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect(),
+            closed: lines(station, "faults.jsonl"),
             asked: asked::Swaps::read(station),
             active: ActiveLog::default(),
             suspects: BTreeMap::new(),

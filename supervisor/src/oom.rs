@@ -24,7 +24,7 @@ impl OutOfMemory {
     /// The exit with its cause, where a SIGKILL came with a kill for want of memory within the last one or two seconds. Somebody else's process may have
     /// been that one: then a kill from outside counts as a process's own death.
     pub fn blame(&mut self, exit: Exit) -> Exit {
-        if exit != Exit::Signal(9) { exit } else { self.blame_by(exit, read()) }
+        if !exit.is_kill() { exit } else { self.blame_by(exit, read()) }
     }
 
     fn blame_by(&mut self, exit: Exit, kills: Option<u64>) -> Exit {

@@ -77,11 +77,12 @@ pub fn read(folder: &Path, given: &[PathBuf]) -> Result<Results, Refusal> {
 
 /// The campaign that a plan is of. Its scene, hand and engines are not asked for: nothing is started.
 fn campaign_of(folder: &Path, plan: &Plan, given: &[PathBuf]) -> Result<Campaign, Refusal> {
-    let mut text = u64::from_str_radix(&plan.file_hash, 16).ok().and_then(|hash| text_in(folder, hash));
+    let hash = u64::from_str_radix(&plan.file_hash, 16).ok();
+    let mut text = hash.and_then(|hash| text_in(folder, hash));
     for path in given {
         let refuse = |e: bounded::Unread| Refusal::input(format!("--file {}: {e}", path.display()));
         let other = bounded::text(path, MOST_BYTES).map_err(refuse)?;
-        if text.is_none() && hash_of(&other) == plan.file_hash {
+        if text.is_none() && hash == Some(draw::hash(other.as_bytes())) {
             text = Some(other);
         }
     }
@@ -96,11 +97,6 @@ fn campaign_of(folder: &Path, plan: &Plan, given: &[PathBuf]) -> Result<Campaign
     })?;
     file::parse(&plan.campaign, &text)
         .map_err(|reason| Refusal::input(format!("{}: campaign {}: {reason}", folder.display(), plan.campaign)))
-}
-
-/// As a plan has it.
-fn hash_of(text: &str) -> String {
-    format!("{:016x}", draw::hash(text.as_bytes()))
 }
 
 /// The text of the file in a folder that has this hash, whatever its name is; what cannot be read is none.

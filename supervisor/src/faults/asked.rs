@@ -3,7 +3,7 @@
 //!
 //! Promise: whoever asks without end for what is refused makes neither the list nor the file longer than a bound, and keeps no swap out of them.
 
-use super::{Faults, path};
+use super::{Faults, lines};
 use crate::policy::Cause;
 use crate::swap::{Record, Step, kept};
 use hyst_exchange::{Station, system};
@@ -107,9 +107,8 @@ pub(super) struct Swaps {
 impl Swaps {
     /// What a supervisor before this one left.
     pub(super) fn read(station: &Station) -> Swaps {
-        let text = std::fs::read_to_string(path(station, FILE)).unwrap_or_default();
         let mut swaps = Swaps::default();
-        for asked in text.lines().filter_map(|line| serde_json::from_str::<Asked>(line).ok()) {
+        for asked in lines(station, FILE) {
             swaps.put(asked);
         }
         if let Some(record) = Record::read(station) {
@@ -120,9 +119,7 @@ impl Swaps {
 
     /// Puts one in the place of what was known of it, or after all others; false if there is no room for it.
     fn put(&mut self, asked: Asked) -> bool {
-        let of_swap = (asked.number, asked.asked_ns);
-        let is_known = |known: &&mut Asked| !known.is_refused() && (known.number, known.asked_ns) == of_swap;
-        if let Some(known) = self.list.iter_mut().find(is_known) {
+        if let Some(known) = asked.number.and_then(|number| self.known(number, asked.asked_ns)) {
             *known = asked;
             return true;
         }
@@ -137,10 +134,14 @@ impl Swaps {
         has_room
     }
 
+    /// What is known of a swap that was begun.
+    fn known(&mut self, number: u64, asked_ns: u64) -> Option<&mut Asked> {
+        self.list.iter_mut().rev().find(|known| (known.number, known.asked_ns) == (Some(number), asked_ns))
+    }
+
     /// Takes what has happened in one that is known; gives it.
     fn follow(&mut self, record: &Record) -> Option<&Asked> {
-        let is_it = |known: &&mut Asked| (known.number, known.asked_ns) == (Some(record.number), record.begun_ns);
-        let known = self.list.iter_mut().rev().find(is_it)?;
+        let known = self.known(record.number, record.begun_ns)?;
         known.follow(record);
         Some(&*known)
     }
@@ -149,6 +150,7 @@ impl Swaps {
 impl Faults {
     /// A swap was begun, or a successor goes on with it.
     pub fn swap_asked(&mut self, record: &Record) {
+        self.swap_begun(record.begun_ns);
         let tick = self.tick_at(record.begun_ns);
         self.keep_swap(Asked::of(record, tick));
     }
@@ -194,6 +196,7 @@ impl Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::path;
     use crate::faults::tests::book;
     use crate::swap::tests::record;
 

@@ -16,7 +16,7 @@ pub(super) struct Swap {
 
 impl Faults {
     /// A swap was asked for at this time; told again by a supervisor that goes on with one.
-    pub fn swap_begun(&mut self, begun_ns: u64) {
+    pub(super) fn swap_begun(&mut self, begun_ns: u64) {
         let from_tick = self.tick_at(begun_ns);
         match self.open.swaps.iter_mut().find(|swap| swap.from_tick == from_tick) {
             Some(known) => known.to_tick = None,

@@ -71,7 +71,7 @@ impl Faults {
     /// whom somebody killed.
     pub(super) fn find_by_death(&mut self, slot: Slot, exit: Exit, at_ns: u64) {
         let is_full = |fault: &&mut Fault| fault.is(FaultKind::ShmFull) && fault.was_full && fault.ballast.is_some();
-        let was_killed = exit == Exit::Signal(9);
+        let was_killed = exit.is_kill();
         for fault in self.open.faults.iter_mut().filter(is_full).filter(|fault| fault.detected_us.is_none() && !was_killed) {
             fault.found_by(&slot.to_string(), at_ns);
         }

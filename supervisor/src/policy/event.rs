@@ -17,6 +17,13 @@ pub enum Exit {
     Unknown,
 }
 
+impl Exit {
+    /// Whether somebody killed it.
+    pub fn is_kill(self) -> bool {
+        self == Exit::Signal(9)
+    }
+}
+
 impl std::fmt::Display for Exit {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {

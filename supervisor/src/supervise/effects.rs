@@ -140,7 +140,7 @@ impl Supervisor {
     /// What a process said of its death, or else what it had printed last; who is killed has nothing to say of it.
     pub(super) fn words_of(&mut self, slot: Slot, exit: Exit) -> String {
         let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
-        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
+        let is_unexplained = words.is_empty() && !exit.is_kill();
         let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
         match (words.is_empty(), printed.is_empty()) {
             (false, _) => format!(": {words}"),

@@ -154,7 +154,6 @@ impl Supervisor {
         if !record.write(&self.station) {
             return Err("the station's root takes no more files; look at `df /dev/shm`".into());
         }
-        self.faults.swap_begun(record.begun_ns);
         self.faults.swap_asked(&record);
         self.spawner.mortality.pass("swap-declared");
         journal::say(&self.station, &line_of_step(number, role.name(), &what));
@@ -366,7 +365,6 @@ impl Supervisor {
         let Some((slot, role, record)) = left.and_then(of) else {
             return self.faults.swap_ended(system::now_ns());
         };
-        self.faults.swap_begun(record.begun_ns);
         self.faults.swap_asked(&record);
         let binary = std::fs::canonicalize(&record.binary).ok();
         let runs = |slot: Slot| binary.is_some() && binary_of(self.viewer.page().pid(slot)) == binary;

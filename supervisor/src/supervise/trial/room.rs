@@ -49,7 +49,7 @@ impl Supervisor {
     pub(in crate::supervise) fn note_end(&mut self, slot: Slot, exit: Exit) {
         self.note_room(system::now_ns());
         if let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.slot() == Some(slot)) {
-            trial.room.was_killed = exit == Exit::Signal(9);
+            trial.room.was_killed = exit.is_kill();
         }
     }
 }
