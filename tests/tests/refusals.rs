@@ -30,6 +30,10 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
     let whole = std::fs::read(binaries().join("fluid")).expect("an engine");
     std::fs::write(&truncated, &whole[..whole.len() / 3]).expect("a part of it");
     let layout = of_another_layout(&folder);
+    let (pipe, circle) = (folder.join("pipe"), folder.join("circle"));
+    let (made, _, said) = run(Command::new("mkfifo").arg(&pipe));
+    assert_eq!(made, Some(0), "mkfifo, of coreutils: {said}");
+    std::os::unix::fs::symlink(&circle, &circle).expect("a link to itself");
     for file in [&script, &truncated, &layout] {
         use std::os::unix::fs::PermissionsExt;
         std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o755)).expect("its rights");
@@ -40,6 +44,10 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
         ("fluid", layout, "has layout"),
         ("fluid", folder.clone(), "is no file"),
         ("fluid", folder.join("absent"), "No such file"),
+        // Nobody ever writes into the pipe, the zeros have no end, and the link leads nowhere.
+        ("fluid", pipe, "is no file"),
+        ("fluid", PathBuf::from("/dev/zero"), "is no file"),
+        ("fluid", circle, "symbolic links"),
         // It neither says anything nor ends; it says too much, and does not end either; it says that it does something else.
         ("fluid", bad_engine(&folder, "fluid", "silent"), "did not end within"),
         ("fluid", bad_engine(&folder, "fluid", "flood"), "did not end within"),

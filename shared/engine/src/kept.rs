@@ -5,17 +5,17 @@
 use crate::verify::verify;
 use hyst_exchange::{PageError, Station, StationError, StationPage, system};
 use hyst_messages::Role;
-use rustix::fs::StatVfsMountFlags;
+use rustix::fs::{OFlags, StatVfsMountFlags};
 use std::fs::{File, Permissions};
 use std::io::{Error, ErrorKind, Read, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// The file that says where a copy is from, beside it.
 const FROM: &str = "from";
 /// The mode of a copy.
 const OWNERS_MODE: u32 = 0o700;
-/// Bytes that are copied at a time.
+/// Bytes that are copied at a time: between two of them it is seen that nobody wants the copy any more.
 const PIECE: usize = 1 << 18;
 /// How long one who removes copies is waited for, and between two looks, ns.
 const REMOVED_WITHIN_NS: u64 = 5_000_000_000;
@@ -54,7 +54,7 @@ pub fn keep(station: &Station, binary: &Path, role: Role, given_up: &dyn Fn() ->
     }
     let given_up = || given_up() || clock.as_ref().is_ok_and(StationPage::stop_requested);
     verify(binary, role, &given_up)?;
-    let kept = copy(station, binary)?;
+    let kept = copy(station, binary, &given_up)?;
     if is_copy(&kept.binary) {
         // The file may have become another since it was looked at.
         verify(&kept.binary, role, &given_up).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
@@ -62,7 +62,7 @@ pub fn keep(station: &Station, binary: &Path, role: Role, given_up: &dyn Fn() ->
     Ok(kept)
 }
 
-fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
+fn copy(station: &Station, binary: &Path, given_up: &dyn Fn() -> bool) -> Result<Kept, String> {
     let refuse = |what: &Path, error: Error| format!("{}: {error}; look at `df /dev/shm`", what.display());
     let mounted = rustix::fs::statvfs(station.root()).map_err(|error| refuse(station.root(), error.into()))?;
     let name = binary.file_name().filter(|name| *name != FROM);
@@ -71,8 +71,7 @@ fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
     };
     let folder = folder(station);
     let in_use = open(station, &folder).map_err(|error| refuse(&folder, error))?;
-    let mut engine = File::open(binary).map_err(|error| format!("{}: {error}", binary.display()))?;
-    let bytes = engine.metadata().map_err(|error| format!("{}: {error}", binary.display()))?.len();
+    let (mut engine, bytes) = open_engine(binary)?;
     let free_bytes = system::free_bytes(station.root()).map_err(|error| refuse(station.root(), error))?;
     if !leaves_room(bytes, free_bytes) {
         return Err(format!(
@@ -86,9 +85,9 @@ fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
     // Into its place as a whole, and by that name only when it is all there. Each copies by itself.
     let next = folder.join(format!("{}-{}.next", std::process::id(), system::now_ns()));
     let from = binary.as_os_str().as_encoded_bytes();
-    let mut make = || {
+    let mut make = || -> Result<PathBuf, Uncopied> {
         std::fs::create_dir(&next)?;
-        let content = write(&mut engine, &next.join(name))?;
+        let content = write(&mut engine, bytes, &next.join(name), given_up)?;
         std::fs::write(next.join(FROM), from)?;
         let own = folder.join(format!("{:016x}-{content:016x}", hash(NOTHING, from)));
         match std::fs::rename(&next, &own) {
@@ -99,11 +98,41 @@ fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
         }
         Ok(own.join(name))
     };
-    let binary = make().map_err(|error| {
+    let binary = make().map_err(|uncopied| {
         let _ = std::fs::remove_dir_all(&next); // what stays goes with the next swap, or with the station
-        refuse(&folder, error)
+        match uncopied {
+            Uncopied::Engine(why) => format!("{} {why}", binary.display()),
+            Uncopied::Copy(error) => refuse(&folder, error),
+        }
     })?;
     Ok(Kept { binary, _in_use: Some(in_use) })
+}
+
+/// Why there is no copy.
+#[derive(Debug)]
+enum Uncopied {
+    /// Of the file that was to be copied, in words.
+    Engine(String),
+    /// What the system said of the copy.
+    Copy(Error),
+}
+
+impl From<Error> for Uncopied {
+    fn from(error: Error) -> Uncopied {
+        Uncopied::Copy(error)
+    }
+}
+
+/// Opens an engine that is to be copied; gives its length, too. What has come into its place since it was verified may be a pipe or a device, which would be
+/// waited for, or have no end.
+fn open_engine(binary: &Path) -> Result<(File, u64), String> {
+    let opened = File::options().read(true).custom_flags(OFlags::NONBLOCK.bits() as i32).open(binary);
+    let found = opened.and_then(|file| file.metadata().map(|about| (file, about)));
+    let (file, about) = found.map_err(|error| format!("{}: {error}", binary.display()))?;
+    match about.is_file() {
+        true => Ok((file, about.len())),
+        false => Err(format!("{} is no file; name the engine's binary", binary.display())),
+    }
 }
 
 /// Whether a copy leaves a station that works beside it room to go on: where /dev/shm is full whoever wants memory there ends, and a program with all that a
@@ -130,20 +159,25 @@ fn open(station: &Station, folder: &Path) -> std::io::Result<File> {
     Ok(opened)
 }
 
-/// Copies a program; gives the hash of what is in the copy, whatever the file is by now. The copy has a mode of its own: who runs the station alone may run it, or
-/// write into it, and it runs as nobody else, whatever the file's bits of user and group say.
-fn write(engine: &mut File, to: &Path) -> std::io::Result<u64> {
-    let (mut copy, mut content, mut piece) = (File::create_new(to)?, NOTHING, vec![0; PIECE]);
-    loop {
-        let count = engine.read(&mut piece)?;
-        if count == 0 {
-            break;
+/// Copies a program of so many bytes, for which there is room; gives the hash of what is in the copy, whatever the file is by now. The copy has a mode of its own:
+/// who runs the station alone may run it, or write into it, and it runs as nobody else, whatever the file's bits of user and group say.
+fn write(engine: &mut File, bytes: u64, to: &Path, given_up: &dyn Fn() -> bool) -> Result<u64, Uncopied> {
+    let (mut copy, mut content, mut piece, mut left) = (File::create_new(to)?, NOTHING, vec![0; PIECE], bytes);
+    while !given_up() {
+        let count = engine.read(&mut piece).map_err(|error| Uncopied::Engine(format!("cannot be read: {error}")))?;
+        if count == 0 && left == 0 {
+            copy.set_permissions(Permissions::from_mode(OWNERS_MODE))?;
+            return Ok(content);
         }
+        let Some(rest) = left.checked_sub(count as u64).filter(|_| count > 0) else {
+            let text = format!("is being written: it had {bytes} bytes when its copy began; swap it in once it is built");
+            return Err(Uncopied::Engine(text));
+        };
+        left = rest;
         copy.write_all(&piece[..count])?;
         content = hash(content, &piece[..count]);
     }
-    copy.set_permissions(Permissions::from_mode(OWNERS_MODE))?;
-    Ok(content)
+    Err(Uncopied::Engine("was given up before it was copied".into()))
 }
 
 /// The hash of no bytes.
@@ -197,7 +231,7 @@ mod tests {
     }
 
     fn copied(station: &Station, binary: &Path) -> PathBuf {
-        copy(station, binary).unwrap().binary
+        copy(station, binary, &|| false).unwrap().binary
     }
 
     /// Whether a copy goes with a swap. A child of another test has this one's files, their locks too, until it has become another program: then the next swap
@@ -235,7 +269,7 @@ mod tests {
         std::fs::write(&mine, "best").unwrap();
         assert!(is_removed_by_swap(&station, &mine, &good), "nobody runs the first any more");
         assert!(bad.exists() && !better.exists(), "of the third no swap came");
-        assert!(copy(&station, &work.join("absent")).unwrap_err().contains("absent"));
+        assert!(copy(&station, &work.join("absent"), &|| false).unwrap_err().contains("absent"));
         station.wipe();
     }
 
@@ -262,7 +296,7 @@ mod tests {
         std::fs::write(&other, "other").unwrap();
         let unfinished = folder(&station).join("1-1.next");
         std::fs::create_dir_all(&unfinished).unwrap();
-        let asks = copy(&station, &mine).unwrap();
+        let asks = copy(&station, &mine, &|| false).unwrap();
         assert!(!unfinished.exists(), "of one that was cut off");
         let first = copied(&station, &other);
         let second = copied(&station, &other);
@@ -281,8 +315,56 @@ mod tests {
         let large = work.join("large");
         let bytes = system::free_bytes(station.root()).unwrap() / 4 * 3;
         File::create(&large).unwrap().set_len(bytes).unwrap(); // a hole, which takes none itself
-        let refused = copy(&station, &large).unwrap_err();
+        let refused = copy(&station, &large, &|| false).unwrap_err();
         assert!(refused.contains("a copy may take half") && refused.contains("strip"), "{refused}");
+        assert_eq!(std::fs::read_dir(folder(&station)).unwrap().count(), 0);
+        station.wipe();
+    }
+
+    /// What came into the place of a verified file was copied until /dev/shm was full, or waited for until somebody wrote into it.
+    #[test]
+    fn what_is_no_file_any_more_is_neither_waited_for_nor_copied() {
+        let (station, work) = station("exchanged");
+        let pipe = work.join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.is_ok_and(|status| status.success()), "mkfifo, of coreutils");
+        let (tell, told) = std::sync::mpsc::channel();
+        for binary in [pipe, PathBuf::from("/dev/zero"), work] {
+            let (station, tell) = (station.clone(), tell.clone());
+            std::thread::spawn(move || tell.send(copy(&station, &binary, &|| false).unwrap_err()));
+            let refused = told.recv_timeout(std::time::Duration::from_secs(60)).expect("it waits for a writer");
+            assert!(refused.contains("is no file"), "{refused}");
+        }
+        assert_eq!(std::fs::read_dir(folder(&station)).unwrap().count(), 0);
+        station.wipe();
+    }
+
+    /// One to which a linker still wrote was copied as far as it came, and so was one that had become larger than there was room for. Ctrl-C did nothing meanwhile.
+    #[test]
+    fn a_copy_has_as_many_bytes_as_there_was_room_for_and_ends_when_it_is_given_up() {
+        let (station, work) = station("length");
+        let (mine, whole) = (work.join("mine"), 2 * PIECE as u64 + 1);
+        std::fs::write(&mine, vec![7; 2 * PIECE + 1]).unwrap();
+        let written = |to: &str, bytes: u64, most_looks: u32| {
+            let (looks, to) = (std::cell::Cell::new(0), work.join(to));
+            let given_up = || looks.replace(looks.get() + 1) >= most_looks;
+            let written = write(&mut File::open(&mine).unwrap(), bytes, &to, &given_up);
+            let why = written.err().map(|uncopied| match uncopied {
+                Uncopied::Engine(why) => why,
+                Uncopied::Copy(error) => panic!("{error}"),
+            });
+            (why.unwrap_or_default(), std::fs::metadata(&to).unwrap().len())
+        };
+        assert_eq!(written("whole", whole, 9), (String::new(), whole));
+        let piece = PIECE as u64;
+        for (to, bytes, copied) in [("longer", whole + 1, whole), ("shorter", piece, piece), ("empty", 0, 0)] {
+            let (why, length) = written(to, bytes, 9);
+            let is_said = why.starts_with(&format!("is being written: it had {bytes} bytes"));
+            assert!(is_said && length == copied, "{to}: {why}, {length}");
+        }
+        assert_eq!(written("given-up", whole, 1), ("was given up before it was copied".into(), piece));
+        let refused = copy(&station, &mine, &|| true).unwrap_err();
+        assert!(refused.ends_with("mine was given up before it was copied"), "{refused}");
         assert_eq!(std::fs::read_dir(folder(&station)).unwrap().count(), 0);
         station.wipe();
     }
