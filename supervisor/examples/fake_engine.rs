@@ -1,8 +1,8 @@
 //! An engine that does nothing but what every engine must: it opens its page, becomes live, beats, and stops when asked. The tests of
 //! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
 //! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
-//! takes more memory in each step, `files ROLE` opens more files, `stands ROLE` says that its keeper stands still; these three in the first slot. As a
-//! newcomer `accuses ROLE` refuses what the holder of its role says.
+//! takes more memory in each step, `files ROLE` opens more files, `floods ROLE` prints without end, `stands ROLE` says that its keeper stands still; these four in
+//! the first slot. As a newcomer `accuses ROLE` refuses what the holder of its role says.
 
 use hyst_engine::kept;
 use hyst_engine::life::{DESCRIBE, Description};
@@ -10,6 +10,7 @@ use hyst_exchange::{OwnedPage, Roster, Station, StationPage, system};
 use hyst_messages::mischief::{Distrust, Thread};
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
+use std::io::Write;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
@@ -34,8 +35,8 @@ fn main() {
     if ordered("die") {
         std::process::exit(1);
     }
-    let [doomed, leaks, opens, stands, accuses] = ["doomed", "leak", "files", "stands", "accuses"].map(ordered);
-    live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands, accuses });
+    let [doomed, leaks, opens, floods, stands, accuses] = ["doomed", "leak", "files", "floods", "stands", "accuses"].map(ordered);
+    live(&station, slot, incarnation, Vices { doomed, leaks, opens, floods, stands, accuses });
 }
 
 /// What it does wrong.
@@ -43,12 +44,15 @@ struct Vices {
     doomed: bool,
     leaks: bool,
     opens: bool,
+    floods: bool,
     stands: bool,
     accuses: bool,
 }
 
 /// Memory that a leak takes in each step, bytes.
 const LEAK_BYTES: usize = 32 << 10;
+/// What one that floods prints in each step, bytes.
+const FLOOD_BYTES: usize = 2 << 20;
 
 /// Writes down that a tick's force was applied in time.
 fn apply_fresh(page: &OwnedPage, tick: u64) {
@@ -136,6 +140,10 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
         // A leak stops short of what would hurt the machine.
         if vices.leaks && slot.index() == 0 && leaked.len() < 16_000 {
             leaked.push(vec![1; LEAK_BYTES]);
+        }
+        // Not before it is known who holds the role, and no more than the machine has room for.
+        if vices.floods && slot.index() == 0 && (500..660).contains(&page.load64(header::STEPS)) {
+            let _ = std::io::stderr().write_all("x".repeat(FLOOD_BYTES).as_bytes()); // whether there is room for it or not
         }
         if vices.opens && slot.index() == 0 && tick.is_multiple_of(10) {
             opened.extend(std::fs::File::open("/dev/null"));

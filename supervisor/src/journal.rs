@@ -80,6 +80,11 @@ pub fn news(station: &Station, seen: &mut usize) -> Vec<String> {
     news.lines().map(str::to_string).collect()
 }
 
+/// How long the log of a slot is, bytes; one that is not there is short.
+pub fn log_bytes(station: &Station, slot: Slot) -> u64 {
+    std::fs::metadata(station.log(slot)).map_or(0, |log| log.len())
+}
+
 /// Shortens the logs of these slots, and the events, where they have grown too long: they lie in memory that all engines share, and an engine or a driver
 /// that says something at each step would fill it within hours. Who writes a log appends to it, so it goes on behind what is kept.
 pub fn keep_small(station: &Station, slots: &[Slot]) {

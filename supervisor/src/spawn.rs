@@ -20,7 +20,7 @@ use hyst_exchange::stream::HeldService;
 use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
-pub use room::is_full;
+pub use room::{LEAST_FREE, is_full};
 use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
 use seat::Seat;
 use std::collections::BTreeMap;

@@ -5,6 +5,7 @@ mod accounting;
 mod complaint;
 mod distrust;
 mod effects;
+mod flood;
 mod kept;
 mod mourning;
 mod reach;
@@ -43,7 +44,7 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(5);
 /// Between two answers while somebody else waits for one: a flood of requests leaves pictures and flow their cores.
 const ANSWER_PAUSE_NS: u64 = 4_000_000;
-/// Between two readings of the hardware's ledger, which holds 16 s.
+/// Between two readings of the hardware's ledger, which holds 16 s, and two looks at what the engines have printed.
 const LEDGER_NS: u64 = 100_000_000;
 /// Between two readings of all pages for the accounts and the report.
 const ACCOUNTS_NS: u64 = 1_000_000_000;
@@ -121,6 +122,8 @@ struct Supervisor {
     trial: Option<trial::Trial>,
     tell_self: Sender<Input>,
     dismissed: BTreeSet<u32>,
+    /// Who was found to flood its log.
+    flooding: BTreeSet<u32>,
     /// The engines are to be real time, and which rights to that were refused.
     real_time: bool,
     refused: u64,
@@ -186,6 +189,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         trial: None,
         tell_self: tell,
         dismissed: BTreeSet::new(),
+        flooding: BTreeSet::new(),
         real_time,
         refused: 0,
     };
@@ -257,6 +261,7 @@ impl Supervisor {
             self.next_ledger_ns = now_ns + LEDGER_NS;
             self.faults.read_ledger(&mut self.viewer);
             self.heed_standstill(now_ns);
+            self.heed_logs(now_ns);
         }
         self.measure_often(now_ns);
         if now_ns >= self.next_accounts_ns {

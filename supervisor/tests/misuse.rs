@@ -1,4 +1,4 @@
-//! What does not come from a well-meaning operator: a flood on the control socket, damaged pages, engines that leak, a state that kills whoever
+//! What does not come from a well-meaning operator: a flood on the control socket, damaged pages, engines that leak or print without end, a state that kills whoever
 //! goes on from it.
 
 mod place;
@@ -255,6 +255,24 @@ fn an_engine_that_leaks_hands_over_and_is_replaced_before_the_system_kills_it() 
     let found: Vec<&str> =
         report["faults"].as_array().unwrap().iter().filter_map(|fault| fault["detected_by"].as_str()).collect();
     assert!(found.iter().filter(|by| **by == "growth").count() >= 2, "{found:?}");
+}
+
+/// It had /dev/shm full within a second, and whoever needed memory there died.
+#[test]
+fn an_engine_that_floods_its_log_hands_over_and_is_replaced() {
+    let place = Place::new("floods");
+    std::fs::write(place.folder.join("fake"), "floods fluid\n").unwrap();
+    let child = place.start(&["--report", place.report().to_str().unwrap()]);
+    wait_said(&place, "is replaced: it floods its log");
+    wait_said(&place, "fluid is handed over");
+    std::fs::write(place.folder.join("fake"), "").unwrap();
+    place.wait_ready();
+    let is_of_spare = |line: &&str| line.contains("fluid:1 ") && line.contains("is replaced");
+    assert_eq!(events(&place).lines().filter(is_of_spare).count(), 0, "{}", events(&place));
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+    let report = report_of(&place);
+    assert!(report["faults"].as_array().unwrap().iter().any(|fault| fault["detected_by"] == "flood"), "{report:#}");
 }
 
 /// A newcomer that refused whatever it read had the old engines replaced, one after the other, before anybody knew what it is worth itself.

@@ -26,7 +26,7 @@ pub enum Cause {
     NotCompared,
     /// It took the role before it might.
     Unasked,
-    /// It grows, or a thread that helps it stands still.
+    /// It grows, floods its log, or a thread that helps it stands still.
     Unfit,
     /// The supervisor died meanwhile.
     Interrupted,

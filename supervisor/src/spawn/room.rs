@@ -8,7 +8,7 @@ use hyst_messages::Role;
 const MIB: u64 = 1 << 20;
 /// Less than this is as good as nothing, bytes: the largest file that a process reserves as a whole does not fit any more, a tissue's checkpoints (six of 1.02 MB
 /// in the default scene).
-const LEAST_FREE: u64 = 8 * MIB;
+pub const LEAST_FREE: u64 = 8 * MIB;
 
 /// There is too little.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -14,7 +14,7 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 43] = [
+const BAD: [(&str, &str, &[&str], &str); 44] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -35,6 +35,7 @@ const BAD: [(&str, &str, &[&str], &str); 43] = [
     ("fluid", "off", &["out-of-tolerance"], ""),
     ("fluid", "frozen", &["refused", "out-of-tolerance"], ""),
     ("fluid", "stuck", &["not-ready"], "become ready"),
+    ("fluid", "babble", &["unfit"], "floods its log"),
     ("haptic", "abort", DIES, ""),
     ("haptic", "stop", STANDS, ""),
     ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),

@@ -34,6 +34,9 @@ const DESCRIBES_AFTER_NS: u64 = 7_000_000_000;
 const LEAK_BYTES: usize = 1 << 20;
 const LEAK_NS: u64 = 10_000_000;
 const MOST_LEAKS: usize = 512;
+/// One that babbles prints so much at a time, bytes, and so many times at most: a quarter of a GiB, for which a machine has room and takes some tenths of a second.
+const BABBLE_BYTES: usize = 1 << 16;
+const MOST_BABBLES: usize = 1 << 12;
 
 /// Sends a signal to the own process until it takes effect: the runtime's handler lets the first SIGSEGV that was sent go by, and one that is
 /// pending already is not sent again.
@@ -49,13 +52,23 @@ fn stop() {
     let _ = kill_process(getpid(), Signal::STOP); // the same
 }
 
-/// A thread that makes the process fail some time after it is live.
-fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
-    let (page, kind) = (life.station.read_slot(life.slot, life.incarnation)?, kind.to_string());
-    let body = move || {
+/// A thread that does this from when the process is ready on.
+fn once_ready(life: &Life, name: &str, body: impl FnOnce() + Send + 'static) -> Result<(), Failure> {
+    let page = life.station.read_slot(life.slot, life.incarnation)?;
+    let wait = move || {
         while !page.state().is_ready() {
             system::sleep_ns(TICK_NS);
         }
+        body();
+    };
+    std::thread::Builder::new().name(name.into()).spawn(wait)?;
+    Ok(())
+}
+
+/// Makes the process fail some time after it is live.
+fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
+    let kind = kind.to_string();
+    once_ready(life, "sabotage", move || {
         system::sleep_ns(AFTER_NS);
         match kind.as_str() {
             "stop" => stop(),
@@ -63,25 +76,23 @@ fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
             "exit" => std::process::exit(0),
             _ => std::process::abort(),
         }
-    };
-    std::thread::Builder::new().name("sabotage".into()).spawn(body)?;
-    Ok(())
+    })
 }
 
-/// A thread that takes memory for ever from when it is ready on, and gives none back.
-fn leak(life: &Life) -> Result<(), Failure> {
-    let page = life.station.read_slot(life.slot, life.incarnation)?;
-    let body = move || {
-        while !page.state().is_ready() {
-            system::sleep_ns(TICK_NS);
-        }
-        for _ in 0..MOST_LEAKS {
-            std::mem::forget(std::hint::black_box(vec![1u8; LEAK_BYTES]));
-            system::sleep_ns(LEAK_NS);
-        }
-    };
-    std::thread::Builder::new().name("leak".into()).spawn(body)?;
-    Ok(())
+/// Takes memory, and gives none back.
+fn leak() {
+    for _ in 0..MOST_LEAKS {
+        std::mem::forget(std::hint::black_box(vec![1u8; LEAK_BYTES]));
+        system::sleep_ns(LEAK_NS);
+    }
+}
+
+/// Prints, as fast as it can.
+fn babble() {
+    let words = "x".repeat(BABBLE_BYTES - 1) + "\n";
+    for _ in 0..MOST_BABBLES {
+        let _ = std::io::stderr().write_all(words.as_bytes()); // whether there is room for it or not
+    }
 }
 
 /// Whether an engine without a state has made enough steps for its defect to show.
@@ -140,8 +151,10 @@ fn dither(life: &Life) -> Result<(), Failure> {
 }
 
 fn run(life: &Life, kind: &str) -> Result<(), Failure> {
-    if kind == "leak" {
-        leak(life)?;
+    match kind {
+        "leak" => once_ready(life, kind, leak)?,
+        "babble" => once_ready(life, kind, babble)?,
+        _ => {}
     }
     match (life.slot.role(), kind) {
         (_, "start") => Err(Failure::Broken("it cannot even start".into())),
@@ -167,7 +180,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (Role::CollisionWorker, "slow") => collision_worker::run_telling(life, dawdle),
         (role, kind) => {
-            if kind != "leak" {
+            if !["leak", "babble"].contains(&kind) {
                 sabotage(life, kind)?;
             }
             match role {
