@@ -258,6 +258,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
     let Some(place) = state.places.get_mut(&slot) else { return actions };
     if slot.is_guest() {
         place.life = Life::Closed;
+        actions.push(Action::Vacate { slot });
         return actions;
     }
     if exit == Exit::Code(2) && !place.was_ready {

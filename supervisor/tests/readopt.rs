@@ -288,6 +288,38 @@ fn a_supervisor_that_dies_in_the_middle_of_a_swap_has_it_finished_or_undone() {
     }
 }
 
+/// A guest that has stayed behind when its swap was over, as one that the kernel keeps does: the next supervisor knows whose it is.
+#[test]
+fn a_guest_whose_swap_is_over_is_told_to_go_by_the_next_supervisor_and_is_mourned_by_nobody() {
+    let place = Place::new("stays");
+    let child = place.start(&[]);
+    let before = place.wait_ready();
+    let folder = place.folder.join("new");
+    std::fs::create_dir_all(&folder).unwrap();
+    let binary = folder.join("fluid");
+    std::fs::copy(std::fs::canonicalize(place.folder.join("fluid")).unwrap(), &binary).unwrap();
+    let mut command = place.command(&["swap", "fluid", binary.to_str().unwrap()]);
+    let mut swapping = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let rows = place.wait("the newcomer", |rows| rows.iter().any(|(name, _, state)| name == "fluid:2" && state == "spare"));
+    // Nobody else writes while it is written down that the swap is over.
+    let supervisor = pid_of(&rows, "supervisor");
+    send(supervisor, Signal::STOP);
+    let is_stopped = || std::fs::read_to_string(format!("/proc/{supervisor}/stat")).is_ok_and(|stat| stat.contains(") T "));
+    await_that("the supervisor stands", is_stopped);
+    let path = hyst_exchange::Station::named(&place.name).unwrap().swap();
+    let mut record: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    record["promoted"] = false.into();
+    hyst_exchange::whole::write(&path, record.to_string().as_bytes()).unwrap();
+    kill(supervisor);
+    assert_eq!(swapping.wait().unwrap().code(), Some(1));
+    let after = place.wait_ready(); // nobody in the guest's slot
+    assert_eq!(engines(&after), engines(&before), "engines were touched");
+    assert!(place.call(&["stop"]).status.success());
+    let told = text(&child.wait_with_output().unwrap().stderr);
+    assert_eq!(told.lines().find(|line| line.contains(") died, ")), None, "{told}");
+    assert!(told.contains("fluid:2, which had been told to go, has ended"), "{told}");
+}
+
 #[test]
 fn outside_of_test_mode_nobody_can_make_the_supervisor_die() {
     let place = Place::new("mortal");

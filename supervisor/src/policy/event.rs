@@ -234,6 +234,11 @@ pub enum Action {
         /// Whether the newcomer has the role.
         promoted: bool,
     },
+    /// A guest that had stayed behind when its swap was over has ended: nobody is in its slot any more.
+    Vacate {
+        /// Where.
+        slot: Slot,
+    },
     /// Whoever reads this incarnation's messages dies again and again: it may be what they read, so it is unfit.
     Mistrust {
         /// Where.

@@ -7,7 +7,8 @@
 //! old engine has the role, and the newcomer is gone.
 //!
 //! Promises: nothing is settled before a probation that nobody doubted; every swap ends once; the role is never taken from its only process
-//! that is ready while another may still come; a guest's slot is empty after the end.
+//! that is ready while another may still come; a guest's slot is empty after the end, or has a guest that was told to go and does not end. Then no swap of
+//! its role begins before it is gone (`places.rs`).
 
 mod pauses;
 mod places;
@@ -23,7 +24,8 @@ use retreat::{fail, retreated};
 pub use touch::TOUCH_WITHIN_NS;
 pub(super) use touch::touched;
 
-/// How long an old engine may take to end in whose place its newcomer starts, ns: one that a disk keeps is not waited for, and its swap is undone.
+/// How long an old engine may take to end in whose place its newcomer starts, ns: one that a disk keeps is not waited for, and its swap is undone. A guest
+/// whose work is done may take as long: then its swap is over.
 pub const VACATE_WITHIN_NS: u64 = 10_000_000_000;
 /// How long a newcomer may take until it is ready, ns: what the watch allows to any start.
 pub const ARRIVE_WITHIN_NS: u64 = 30_000_000_000;
@@ -352,7 +354,7 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
             enter(now_ns, Stage::Settling, state); // whom it was given to died: it is given to another
             Vec::new()
         }
-        Stage::Leaving if state.alive(swap.slot).is_none() => {
+        Stage::Leaving if state.alive(swap.slot).is_none() || passed_ns > VACATE_WITHIN_NS => {
             state.swap = None;
             vec![Action::EndSwap { role, promoted: true }]
         }

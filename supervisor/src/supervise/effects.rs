@@ -66,6 +66,7 @@ impl Supervisor {
                     journal::say(&self.station, &format!("{slot} was given up and is tried again"));
                 }
                 Action::GiveUp { slot, reason, end } => self.give_up(slot, reason, end),
+                Action::Vacate { slot } => self.vacate_at_last(slot),
                 Action::Told { .. } | Action::Adopt { .. } | Action::Retreat { .. } | Action::EndSwap { .. } => {
                     self.act_on_swap(action)
                 }
@@ -75,6 +76,9 @@ impl Supervisor {
 
     /// The watch has killed one that hangs, or is too slow to be in time; when that was seen and its last heartbeat, ns.
     pub(super) fn note_late(&mut self, slot: Slot, incarnation: u32, [at_ns, beat_ns]: [u64; 2], (is_slow, doing): (bool, &str)) {
+        if slot.is_guest() && self.dismissed.contains(&incarnation) {
+            return; // it was told to go: that it stands still is no news, and no fault of the station
+        }
         let (why, by) = match is_slow {
             true => ("works so much that it cannot be in time".into(), "processor time"),
             false => {

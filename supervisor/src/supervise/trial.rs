@@ -4,6 +4,7 @@
 mod current;
 mod effort;
 mod forces;
+mod guest;
 mod judge;
 mod newcomer;
 mod room;
@@ -257,12 +258,7 @@ impl Supervisor {
         self.page.store32(layout::PREFERRED, 0);
         self.spawner.candidate = None;
         if let Some(guest) = Slot::guest(role) {
-            self.spawner.vacate(guest);
-            if !promoted {
-                // States of a line that was left: nobody is to begin from them. Absent is as good.
-                let _ = std::fs::remove_file(hyst_exchange::checkpoint::path(&self.station, guest));
-            }
-            self.faults.vacated(guest, system::now_ns()); // a fault of the newcomer's is over with the swap
+            self.end_of_guest(guest, promoted);
         }
         self.faults.swap_ended(system::now_ns());
         self.spawner.mortality.pass("swap-cleared");
@@ -358,11 +354,14 @@ impl Supervisor {
         self.act(actions);
     }
 
-    /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that nobody knows goes too.
+    /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that is over, or that nobody knows, goes
+    /// too.
     pub(super) fn resume_swap(&mut self) {
         let left = Record::read(&self.station).filter(|record| record.promoted.is_none());
         let of = |record: Record| Some((record.slot()?, Role::from_name(&record.role)?, record));
-        let Some((slot, role, record)) = left.and_then(of) else {
+        let left = left.and_then(of);
+        self.dismiss_guests_but(left.as_ref().map(|(_, role, _)| *role));
+        let Some((slot, role, record)) = left else {
             return self.faults.swap_ended(system::now_ns());
         };
         self.faults.swap_asked(&record);

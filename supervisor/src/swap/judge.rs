@@ -5,6 +5,7 @@
 mod inputs;
 #[cfg(test)]
 mod tests;
+mod writer;
 
 use hyst_engine::stateful::MOST_BEHIND_TICKS;
 use hyst_exchange::{Links, ReadPage, Station, StationPage, Subscriber, system};
@@ -158,7 +159,7 @@ struct Pairs {
 }
 
 impl Pairs {
-    /// Takes a state; compares as soon as both sides have the tick and one of them is beside the role.
+    /// Takes a state that names its own writer; compares as soon as both sides have the tick and one of them is beside the role.
     fn take(&mut self, kind: Kind, bytes: &[u8], guest: u32) {
         let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
         self.follow(&header, guest);
@@ -368,7 +369,7 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
         for stream in streams.values() {
             // Bounded by the reader's buffer; a stream that fails has lost its writer.
             while let Ok(Some(held)) = stream.next() {
-                pairs.take(kind, held.bytes(), guest);
+                pairs.hear(kind, held.bytes(), stream.incarnation(), guest);
             }
         }
         if role == Role::Tissue {

@@ -2,7 +2,7 @@
 
 use super::by_hand::alive;
 use super::*;
-use hystation::policy::{Cause, Reason, VACATE_WITHIN_NS};
+use hystation::policy::{Cause, Reason, VACATE_WITHIN_NS, probation_ns};
 
 /// A device that was pulled out and stayed away ended the station as a driver that crashes does.
 #[test]
@@ -58,4 +58,79 @@ fn an_engine_that_does_not_end_keeps_its_place_and_its_swap_is_over() {
     now_ns += LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
     assert_eq!(step(now_ns, Event::Tick, &mut state), []);
     assert_eq!(step(now_ns + 1, Event::Tick, &mut state), [Action::EndSwap { role: Role::Recorder, promoted: false }]);
+}
+
+const TISSUE: Role = Role::Tissue;
+/// What the kernel does with one that it has kept, once it lets it go.
+const KILLED: Exit = Exit::Signal(9);
+
+/// A recorder, 9, and tissues: 1 has had the role, 2 is its spare, and 3, the guest, has it on probation since 5 ns and was touched.
+fn with_a_guest() -> (State, [Slot; 3], Slot) {
+    let slots @ [first, second, guest] = [0, 1, 2].map(|index| Slot::new(TISSUE, index).unwrap());
+    let recorder = Slot::first(Role::Recorder);
+    let mut state = State::new(&[first, second, recorder]);
+    step(0, Event::Started { adopted: vec![(first, 1), (second, 2), (recorder, 9)], warming: Vec::new() }, &mut state);
+    step(0, Event::Holds { role: TISSUE, incarnation: 1 }, &mut state);
+    step(1, Event::SwapAsked { slot: guest, incumbent: 1 }, &mut state);
+    step(2, Event::Spawned { slot: guest, incarnation: 3 }, &mut state);
+    step(3, Event::Ready { slot: guest, incarnation: 3 }, &mut state);
+    step(4, Event::Agreed { incarnation: 3 }, &mut state);
+    step(5, Event::Holds { role: TISSUE, incarnation: 3 }, &mut state);
+    step(5, Event::Touched { incarnation: 3 }, &mut state);
+    (state, slots, recorder)
+}
+
+/// The guest was told to go and has stayed behind: its role is not swapped before it is gone, and another one is.
+fn assert_it_keeps_its_place_alone(now_ns: u64, state: &mut State, guest: Slot, recorder: Slot) {
+    assert!(state.swap().is_none() && state.lingering(TISSUE) == Some((guest, 3)));
+    let refused = state.may_swap(guest).unwrap_err();
+    assert!(refused.starts_with("tissue:2, which a swap had brought, was told to go"), "{refused}");
+    assert_eq!(step(now_ns, Event::SwapAsked { slot: guest, incumbent: 1 }, state), [], "two in one place");
+    assert_eq!(state.may_swap(recorder), Ok(()));
+    let asked = step(now_ns, Event::SwapAsked { slot: recorder, incumbent: 9 }, state);
+    assert_eq!(asked, [Action::Dismiss { slot: recorder, incarnation: 9 }]);
+    let gone = step(now_ns, Event::Died { slot: guest, incarnation: 3, exit: KILLED }, state);
+    assert_eq!(gone, [Action::MarkDead { slot: guest, incarnation: 3 }, Action::Vacate { slot: guest }]);
+    assert!(state.lingering(TISSUE).is_none() && state.swap().is_some_and(|swap| swap.role() == Role::Recorder));
+    step(now_ns + 1 + VACATE_WITHIN_NS, Event::Tick, state);
+    assert_eq!(state.may_swap(guest), Ok(()));
+}
+
+/// Its swap went on for the rest of the session, every other one was refused, and the command waited for ten minutes.
+#[test]
+fn a_guest_that_is_undone_and_does_not_end_keeps_its_place_and_its_swap_is_over() {
+    let (mut state, [.., guest], recorder) = with_a_guest();
+    let told = step(6, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "off") }, &mut state);
+    assert_eq!(told.last(), Some(&Action::Dismiss { slot: guest, incarnation: 3 }));
+    step(7, Event::Holds { role: TISSUE, incarnation: 1 }, &mut state);
+    let last_ns = 6 + LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
+    assert_eq!(step(last_ns, Event::Tick, &mut state), []);
+    assert_eq!(step(last_ns + 1, Event::Tick, &mut state), [Action::EndSwap { role: TISSUE, promoted: false }]);
+    // The next supervisor finds it there, too.
+    let mut next = State::new(&[Slot::first(TISSUE), Slot::new(TISSUE, 1).unwrap(), recorder]);
+    let adopted = vec![(Slot::first(TISSUE), 1), (Slot::new(TISSUE, 1).unwrap(), 2), (guest, 3), (recorder, 9)];
+    step(last_ns + 2, Event::Started { adopted, warming: Vec::new() }, &mut next);
+    for mut state in [state, next] {
+        assert_it_keeps_its_place_alone(last_ns + 3, &mut state, guest, recorder);
+    }
+}
+
+#[test]
+fn a_guest_whose_work_is_done_and_that_does_not_end_keeps_its_place_and_its_swap_is_done() {
+    let (mut state, [first, second, guest], recorder) = with_a_guest();
+    let now_ns = 5 + probation_ns(TISSUE);
+    step(now_ns, Event::Agreed { incarnation: 3 }, &mut state);
+    step(now_ns, Event::Tick, &mut state);
+    for (slot, old, new) in [(second, 2, 4), (first, 1, 5)] {
+        step(now_ns, Event::Died { slot, incarnation: old, exit: KILLED }, &mut state);
+        step(now_ns, Event::Spawned { slot, incarnation: new }, &mut state);
+        step(now_ns, Event::Ready { slot, incarnation: new }, &mut state);
+        step(now_ns, Event::Tick, &mut state);
+    }
+    step(now_ns, Event::Holds { role: TISSUE, incarnation: 5 }, &mut state);
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Dismiss { slot: guest, incarnation: 3 }]);
+    assert_eq!(step(now_ns + VACATE_WITHIN_NS, Event::Tick, &mut state), []);
+    let done = step(now_ns + VACATE_WITHIN_NS + 1, Event::Tick, &mut state);
+    assert_eq!(done, [Action::EndSwap { role: TISSUE, promoted: true }]);
+    assert_it_keeps_its_place_alone(now_ns + VACATE_WITHIN_NS + 2, &mut state, guest, recorder);
 }

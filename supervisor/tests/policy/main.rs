@@ -119,9 +119,7 @@ impl World {
             | Action::Told { .. }
             | Action::Adopt { .. }
             | Action::Retreat { .. }
-            | Action::EndSwap { .. } => {
-                self.check_swap(&action);
-            }
+            | Action::EndSwap { .. } => self.check_swap(&action),
             Action::Spawn { slot } => {
                 assert!(!self.stopped, "a spawn after the stop");
                 assert!(!self.alive.contains_key(&slot) && !self.pending.contains(&slot), "two incarnations in {slot}");
@@ -170,6 +168,7 @@ impl World {
                     self.held.push(role);
                 }
             }
+            Action::Vacate { slot } => assert!(slot.is_guest() && !self.alive.contains_key(&slot), "{slot} is not empty"),
             Action::TryAgain { slot } => {
                 let at = self.given_up.iter().position(|known| *known == slot);
                 self.given_up.swap_remove(at.expect("tried again without having been given up"));

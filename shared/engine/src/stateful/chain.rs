@@ -151,7 +151,8 @@ impl Chain {
                 refuse(&mut refused, StreamHeader::default(), Refusal::Unreadable);
                 continue;
             };
-            let header = *message.header();
+            // Its stream says whose it is: what a newcomer sends that names an elder would be taken for the line, or for the role's.
+            let header = StreamHeader { incarnation: writer, ..*message.header() };
             if header.is_shadow() {
                 let accepts = |state: &[u8]| accepts(state, is_own).is_ok();
                 if !extend_line(&mut self.line, self.guest, held, header, &fence, accepts) {

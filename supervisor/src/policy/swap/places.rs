@@ -23,6 +23,10 @@ impl State {
             let alone = format!("this station has one {name}, and that is swapped beside another one; start it with spares");
             return Err(if has_another { alone } else { format!("this station has no {name}") });
         }
+        if let Some((guest, _)) = self.lingering(slot.role()) {
+            let why = "something in the kernel keeps it, as a disk or a network that does not answer does; wait until it is gone";
+            return Err(format!("{guest}, which a swap had brought, was told to go and has not ended: {why}"));
+        }
         let of_role = self.places.keys().filter(|other| other.role() == slot.role() && !other.is_guest());
         match of_role.copied().find(|other| !self.is_ready(*other)) {
             Some(other) => Err(format!("{other} is not ready now; wait until it is back")),
@@ -31,6 +35,13 @@ impl State {
             }
             None => Ok(()),
         }
+    }
+
+    /// The guest of a role whose swap is over, if it has not ended: its place, its page and its streams are nobody else's yet.
+    pub fn lingering(&self, role: Role) -> Option<(Slot, u32)> {
+        let is_over = self.swap.as_ref().is_none_or(|swap| swap.role() != role);
+        let guest = Slot::guest(role).filter(|_| is_over)?;
+        Some((guest, self.alive(guest)?))
     }
 
     pub(super) fn alive(&self, slot: Slot) -> Option<u32> {

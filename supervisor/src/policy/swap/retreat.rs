@@ -1,5 +1,6 @@
 //! A swap that is undone: the old engine has the role again, and the newcomer goes. It is not told to go while it does the work and nobody else
-//! is ready, but for a bounded time. One that does not end in a place of its own is not waited for, either: whenever it does, another of the old kind follows it.
+//! is ready, but for a bounded time. One that does not end is not waited for, either: whenever it does, another of the old kind follows it, but for a guest,
+//! which keeps its place until then.
 
 use super::{Stage, Swap, VACATE_WITHIN_NS, tend};
 use crate::policy::{Action, LEAVE_WITHIN_NS, Life, Reason, State};
@@ -34,7 +35,7 @@ pub(super) fn retreated(slot: Slot, state: &mut State) -> Vec<Action> {
 /// What is next: the role goes back to an elder, and the newcomer goes.
 pub(super) fn next(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> {
     let (slot, role, passed_ns) = (swap.slot, swap.role(), now_ns.saturating_sub(swap.since_ns));
-    let is_waited_for = slot.is_guest() || passed_ns <= LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
+    let is_waited_for = passed_ns <= LEAVE_WITHIN_NS + VACATE_WITHIN_NS;
     let incarnation = match state.places.get(&slot).map_or(Life::Closed, |place| place.life) {
         Life::Alive { .. } | Life::Spawning if swap.dismissed && is_waited_for => return Vec::new(), // its death ends this
         Life::Spawning if slot.is_guest() => return Vec::new(),

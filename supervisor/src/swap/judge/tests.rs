@@ -41,6 +41,33 @@ fn states_of_one_tick_are_compared_whoever_comes_first_and_only_one_of_them_is_t
     assert!(pairs.waiting.len() <= MOST_WAITING);
 }
 
+/// A newcomer that copied the header of the state it went on from counted as the old engine: after a minute it could not be compared, and one that sent states
+/// under both names agreed with itself.
+#[test]
+fn a_newcomer_whose_states_name_another_writer_is_out_of_tolerance_whatever_else_it_sends() {
+    let [old, own] = WRITERS;
+    let (mut alone, mut both) = (Pairs::default(), Pairs::default());
+    for turn in 1..=30 {
+        let copied = state(4, old, 33 * turn, 9_000.0);
+        for pairs in [&mut alone, &mut both] {
+            pairs.hear(Kind::FluidState, &copied, own, own);
+        }
+        both.hear(Kind::FluidState, &state(SHADOW_EPOCH, own, 33 * turn, 9_000.0), own, own);
+        assert_eq!(both.seen().good, turn - 1, "with itself it is not compared");
+        let Seen { outside, good, text, .. } = alone.seen();
+        let is_told = text.starts_with("its state names another incarnation, 6, than its own, which is 17");
+        assert!(is_told && (outside, good) == (turn, 0), "{text}");
+        both.hear(Kind::FluidState, &state(4, old, 33 * turn, 9_000.0), old, own);
+    }
+    assert!(both.seen().good == 30 && both.seen().has_too_many_bad(), "of each two one is: {:?}", both.seen());
+    let mut damaged = Pairs::default();
+    for turn in 1..=3 {
+        damaged.hear(Kind::FluidState, &state(4, own, 33 * turn, 12_000.0), old, own);
+        damaged.hear(Kind::FluidState, &state(SHADOW_EPOCH, own, 33 * turn, 9_000.0), own, own);
+    }
+    assert_eq!((damaged.seen().compared, damaged.seen().outside), (0, 0), "a header of the old engine's may have flipped");
+}
+
 #[test]
 fn a_newcomer_whose_states_are_right_and_whose_contact_model_has_no_planes_is_out_of_tolerance() {
     let mut pairs = Pairs::default();

@@ -178,3 +178,22 @@ fn who_had_the_role_goes_on_from_the_line_until_the_newcomer_has_passed() {
         assert_eq!(base_after(chain, 2, 13, 2), Some((2, 13)), "it has passed");
     });
 }
+
+/// One that named the old engine had the role's states from then on, and the line was its own.
+#[test]
+fn whose_a_state_is_its_stream_says_and_not_its_stamp() {
+    const BESIDE: u32 = hyst_messages::tolerance::SHADOW_EPOCH;
+    on_a_chain(1, |chain, inbox, writers| {
+        chain.expect_guest(2);
+        let mut line_after = |incarnation: usize, tick: u64, epoch: u32| {
+            send(&writers[incarnation - 1], tick, epoch, 1);
+            let holder = Tenure { epoch: 2, incarnation: 2 };
+            chain.receive(KIND, inbox, fence(holder), |_, _| Ok(()), |_, _| {}, |_| true);
+            (chain.writer(), chain.line().map(|line| (line.tick, line.writer)))
+        };
+        assert_eq!(line_after(1, 1, 1), (1, None), "the role's state before the trial");
+        assert_eq!(line_after(2, 2, 2), (2, Some((1, 1))), "the newcomer has the role");
+        assert_eq!(line_after(2, 3, BESIDE), (2, Some((1, 1))), "its own is the judge's");
+        assert_eq!(line_after(1, 2, BESIDE), (2, Some((2, 1))), "the line is the elder's");
+    });
+}
