@@ -1,9 +1,10 @@
 //! What the tool has gone through: none of its points tunnels, however fast it is and however thin the part. What passes between its points is not seen: a
 //! part that is narrower than they are apart may.
 //!
-//! A point that lies in tissue is found by the intersection test. One that went into a part and out of its far side is not; it is held here by the face
-//! that it went in by, until it is back on that face's outer side. Two things lead to a point being held: it lay in the tissue a step before (the state
-//! remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds.
+//! A point that lies in tissue is found by the intersection test. One that went into a part and out of its far side is not, or in another object behind it
+//! alone; it is held here by the face that it went in by, until it is back on that face's outer side. Two things lead to a point being held: it lay in the
+//! object a step before (the state remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds. What lies behind as
+//! another part of the same object is not told from the part that it went into.
 
 use crate::contacts::ToolMotion;
 use crate::world::World;
@@ -76,7 +77,7 @@ impl Through {
         self.tissue_m = 0.0;
     }
 
-    /// Looks which points of the tool lie in no tissue though they did a step before, or are past some; and tells those that a fast step brought into
+    /// Looks which points of the tool do not lie in an object though they did a step before, or are past it; and tells those that a fast step brought into
     /// tissue by which face they came in. `memory` is that of the tool's points.
     pub fn look(
         &mut self,
@@ -108,23 +109,21 @@ impl Through {
             while hits.get(next).is_some_and(|hit| (hit.point as usize) < point) {
                 next += 1;
             }
-            let hit = hits.get(next).filter(|hit| hit.point as usize == point);
+            let of_point = hits[next..].iter().take_while(|hit| hit.point as usize == point);
+            let is_in = |known: &Memory| of_point.clone().any(|hit| tissue.tet_owner.get(hit.tet as usize) == Some(&known.owner));
+            let known = Some(*memory).filter(|known| known.direction != [0.0; 3]);
             let entered = self.entered[point].filter(|entered| faces(world, tool, point, entered)).map(|entered| Memory {
                 owner: world.topology.boundary_owner[entered.triangle as usize],
                 direction: entered.normal,
                 depth_m: 0.0,
                 bent_m: [0.0; 3],
             });
-            match hit {
-                Some(hit) => {
-                    let owner = tissue.tet_owner.get(hit.tet as usize);
-                    let is_known = Some(&memory.owner) == owner && memory.direction != [0.0; 3];
-                    if let Some(entered) = entered.filter(|entered| !is_known && Some(&entered.owner) == owner) {
-                        *memory = entered;
-                    }
-                }
-                None => self.miss(point, if memory.direction == [0.0; 3] { entered } else { Some(*memory) }, tool),
+            let is_in_known = known.is_some_and(|known| is_in(&known));
+            if let Some(entered) = entered.filter(|entered| !is_in_known && is_in(entered)) {
+                *memory = entered;
             }
+            let passed = if is_in_known { entered } else { known.or(entered) };
+            self.miss(point, passed.filter(|passed| !is_in(passed)), tool);
         }
         Ok(())
     }
@@ -147,8 +146,8 @@ impl Through {
         ways_m.filter(|way_m| *way_m <= FARTHEST_M).fold(0.0, f32::max)
     }
 
-    /// Notes a point that lies in no tissue but came in with this known. The face that it came in by is as far away now as it has not come back out, and as
-    /// face and tissue may have changed on its way along it.
+    /// Notes a point that does not lie in an object but came into it with this known. The face that it came in by is as far away now as it has not come back
+    /// out, and as face and tissue may have changed on its way along it.
     fn miss(&mut self, point: usize, known: Option<Memory>, tool: &ToolMotion<'_>) {
         let (Some(known), Some(place)) = (known, tool.points_m.get(point)) else { return };
         let Some(out) = Vec3::from(known.direction).try_normalize() else { return };

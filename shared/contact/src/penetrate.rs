@@ -12,7 +12,7 @@
 use crate::error::same_length;
 use crate::penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Source};
 use crate::topology::{NONE, Normals};
-use crate::types::{Found, Hit};
+use crate::types::{Found, Hit, Tissue};
 use crate::walk::exit_along;
 use crate::{ContactError, Exit};
 use glam::Vec3;
@@ -275,16 +275,18 @@ impl Step<'_> {
 
     /// Keeps each point's direction for the next tick; a fallback keeps what was known before.
     fn remember(&mut self) {
-        let mut h = 0;
+        let (hits, tissue, found) = (self.hits, &self.input.tissue, &self.work.found);
+        let mut next = 0;
         for (point, memory) in self.memory.iter_mut().enumerate() {
-            while h < self.hits.len() && (self.hits[h].point as usize) < point {
-                h += 1;
+            while next < hits.len() && (hits[next].point as usize) < point {
+                next += 1;
             }
-            let Some(hit) = self.hits.get(h).filter(|hit| hit.point as usize == point) else {
+            let end = next + hits[next..].iter().take_while(|hit| hit.point as usize == point).count();
+            let Some(h) = to_remember(&hits[next..end], &found[next..end], tissue, memory) else {
                 *memory = Memory::default();
                 continue;
             };
-            let (owner, way) = (self.input.tissue.owner(hit.tet), self.work.found[h]);
+            let (owner, way) = (tissue.owner(hits[next + h].tet), found[next + h]);
             if way.source != Source::Fallback as u32 {
                 let bent_m = if memory.owner == owner { memory.bent_m } else { [0.0; 3] };
                 *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m, bent_m };
@@ -299,6 +301,20 @@ impl Step<'_> {
 
 /// Distances below this count as this in the weights, metres: a thousandth of the finest mesh.
 const NEAR_M: f32 = 1.0e-6;
+
+/// An object that a point lies in so much deeper than in another one it came into first, metres: more than depths differ by where it just touches both.
+const FIRST_BY_M: f32 = 2.5e-4;
+
+/// Which of the hits of a point is remembered: that in the object that it knows, else the first one; but one in an object that it came into first, which it
+/// may leave by the far side while it is still in the other. `None` if there are none.
+fn to_remember(hits: &[Hit], ways: &[Way], tissue: &Tissue<'_>, memory: &Memory) -> Option<usize> {
+    hits.first()?;
+    let is_known = |hit: &Hit| memory.direction != [0.0; 3] && memory.owner == tissue.owner(hit.tet);
+    let known = hits.iter().position(is_known).unwrap_or(0);
+    let is_sure = |h: &usize| ways[*h].source != Source::Fallback as u32;
+    let deepest = (0..hits.len()).filter(is_sure).max_by(|a, b| ways[*a].depth_m.total_cmp(&ways[*b].depth_m));
+    Some(deepest.filter(|h| ways[*h].depth_m > ways[known].depth_m + FIRST_BY_M).unwrap_or(known))
+}
 
 /// Mean of unit vectors from their weighted sum; `None` where they cancel.
 fn steady(sum: Vec3, weight: f32) -> Option<Vec3> {

@@ -48,7 +48,7 @@ pub struct Memory {
     /// How deep it was along that, metres.
     pub depth_m: f32,
     /// How far it has gone along the tissue before what it sticks to, metres: who computes forces writes it, and it is kept for as long as the point is in that
-    /// object, and pressed. Of two objects a point remembers the one of the lower tet; the other lets go of it in each step.
+    /// object, and pressed. Of two objects a point remembers the one that it came into first; the other lets go of it in each step.
     pub bent_m: [f32; 3],
 }
 

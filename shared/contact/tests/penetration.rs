@@ -160,6 +160,45 @@ fn a_workspace_that_was_another_meshs_finds_what_a_new_one_finds() {
     }
 }
 
+/// The wall and a slab of another object, 2 mm thick, whose free side is so far beyond that of the wall, and the tool. The wall has the lower tets.
+fn poke_with_slab(beyond_m: f32) -> Poke {
+    let (mut positions_m, mut tets) = wall();
+    let (of_slab_m, of_slab) = block([12, 12, 1], 2.0 * MM, [-12.0 * MM, -12.0 * MM, beyond_m]);
+    let (first, of_wall) = (positions_m.len() as u32, tets.len());
+    positions_m.extend(of_slab_m);
+    tets.extend(of_slab.iter().map(|tet| tet.map(|node| node + first)));
+    let mut poke = Poke::new(positions_m, tets, &tool_at([0.0; 3]));
+    poke.tet_owner[of_wall..].fill(2);
+    poke.topology = Topology::new(&poke.tets, &poke.tet_owner, &poke.positions_m).unwrap();
+    poke
+}
+
+/// Of a tip that is at some places one after the other the objects that it is in, the one that it remembers, and how deep it says that it is in that.
+fn known(beyond_m: f32, tips_m: &[f32]) -> Vec<(usize, u32, f32)> {
+    let mut poke = poke_with_slab(beyond_m);
+    let at = |tip_m: &f32| {
+        let tool = tool_at([0.3 * MM, 0.1 * MM, *tip_m]);
+        let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
+        (out.iter().filter(|found| found.point == 0).count(), poke.memory[0].owner, poke.memory[0].depth_m)
+    };
+    tips_m.iter().map(at).collect()
+}
+
+#[test]
+fn of_two_objects_a_point_remembers_the_one_that_it_came_into_first() {
+    let is_like = |known: &(usize, u32, f32), (objects, owner, depth_m): (usize, u32, f32)| {
+        known.0 == objects && known.1 == owner && (known.2 - depth_m).abs() < 0.05 * MM
+    };
+    // Through the slab into the wall; out of the slab's far side; and into it again by that, which the wall's depth does not make the first.
+    let before = known(-1.5 * MM, &[-1.0 * MM, 0.3 * MM, 1.0 * MM, 0.3 * MM]);
+    let wanted = [(1, 2, 0.5 * MM), (2, 2, 1.8 * MM), (1, 1, 1.0 * MM), (2, 2, 1.8 * MM)];
+    assert!(before.iter().zip(wanted).all(|(known, wanted)| is_like(known, wanted)), "{before:?}");
+    // Into both in one step, and through the wall into a slab within it.
+    let [at_once, within] = [known(-1.5 * MM, &[0.3 * MM]), known(1.0 * MM, &[0.5 * MM, 2.1 * MM])];
+    assert!(is_like(&at_once[0], (2, 2, 1.8 * MM)), "{at_once:?}");
+    assert!(is_like(&within[0], (1, 1, 0.5 * MM)) && is_like(&within[1], (2, 1, 2.1 * MM)), "{within:?}");
+}
+
 #[test]
 fn topology_joins_all_inner_faces_and_bounds_the_block() {
     let (positions_m, tets) = wall();

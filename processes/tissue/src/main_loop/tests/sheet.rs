@@ -1,9 +1,11 @@
 //! Promise of the Main Loop about thin parts: a sheet of one layer of tets is not passed through, neither by a tool that comes fast nor by one that stays and
-//! presses, in steps of each length.
+//! presses, in steps of each length; and what the tool has gone through holds it also where it lies in another object behind that.
 
 use super::lattice::{self, Lattice};
 use super::*;
 use glam::Vec3;
+use hyst_contact::Memory;
+use hyst_tissue::PlaneSpring;
 
 /// Sides and thickness of the sheet, m, and its tets' edge along the sides.
 const SIDE_M: f32 = 0.024;
@@ -22,6 +24,14 @@ const LEFT_M: f32 = 0.2e-3;
 const BEFORE_M: f32 = 1.5e-3;
 /// How deep the tip may lie in the face that it presses on, m.
 const DEEP_M: f32 = 0.8e-3;
+/// Layers of cells of a sheet, of nothing behind it, and of a block behind that.
+const LAYERS: usize = 8;
+/// How far the block is behind the sheet, m: not at all where they lie in each other.
+const GAPS_M: [f32; 2] = [0.2e-3, -0.5e-3];
+/// From where to where the tip goes then, m beyond the place of the sheet's near face at rest: from before the sheet into the block.
+const INTO_BLOCK_M: [f32; 2] = [-0.5e-3, 3.4e-3];
+/// By how much what a point remembers may differ from where it is, m: roundings.
+const EXACT_M: f32 = 1e-5;
 
 /// A sheet whose rim is held, as a scene.
 fn sheet(name: &str) -> lattice::Folder {
@@ -39,6 +49,19 @@ fn sheet(name: &str) -> lattice::Folder {
         rim([-outer, inner], [outer, outer]),
     ];
     lattice::scene(name, &lattice, |_| true, &held.join(", "))
+}
+
+/// A sheet and a block behind it that hang apart: two organs, of which nothing moves but the far side of the block. So all is where geometry says.
+fn sheet_and_block(name: &str) -> lattice::Folder {
+    let (cells, half) = ((SIDE_M / EDGE_M).round() as usize, SIDE_M / 2.0);
+    let lattice = Lattice { cells: [cells, cells, LAYERS], edge_m: [EDGE_M, EDGE_M, THICK_M], low_m: [-half, -half, FACE_M] };
+    let fixed = format!("{{ below_z_m = {:.4} }}", FACE_M + (LAYERS as f32 - 0.5) * THICK_M);
+    lattice::scene(name, &lattice, |[_, _, z]| z != 1, &fixed)
+}
+
+/// Whether a node that is there at rest is one of the sheet.
+fn is_of_sheet(rest: &[f32; 3]) -> bool {
+    rest[2] < FACE_M + 1.5 * THICK_M
 }
 
 /// A tissue with a sheet before a tool, and the tool.
@@ -84,11 +107,49 @@ impl Bench<'_> {
         let before_m = nodes.filter(|(_, rest)| is_before(rest)).map(|(place, _)| place[2] - self.tip_m[2]);
         before_m.reduce(f32::min).expect("nodes before the tip")
     }
+
+    /// The sheet is so far from the block, wherever it was.
+    fn part(&mut self, gap_m: f32) {
+        let range = place_of(&self.now, 1);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.now);
+        let places: &mut [[f32; 3]] = bytemuck::cast_slice_mut(&mut bytes[range]);
+        let nodes = places.iter_mut().zip(self.main.world.model.rest_m());
+        nodes.filter(|(_, rest)| is_of_sheet(rest)).for_each(|(place, rest)| place[2] = rest[2] + THICK_M - gap_m);
+    }
+
+    /// What the points of the tool remember.
+    fn memory(&self) -> &[Memory] {
+        Message::parse(bytemuck::cast_slice(&self.now), Kind::TissueState).unwrap().section(4).unwrap()
+    }
+
+    /// Each point beyond the near face of a sheet so far from the block knows the sheet, the way back and how long that is, and is one contact with the sheet,
+    /// wherever else it lies; no other point knows anything. How many are beyond that face, and how many of them beyond that of the block.
+    fn held(&self, gap_m: f32) -> [usize; 2] {
+        let (world, rest_m) = (&self.main.world, self.main.world.model.rest_m());
+        let (near_m, block_m) = (FACE_M + THICK_M - gap_m, FACE_M + 2.0 * THICK_M);
+        let sheet = world.body.owners().into_iter().zip(rest_m).find(|(_, rest)| is_of_sheet(rest));
+        let sheet = sheet.and_then(|(owner, _)| owner).expect("a sheet");
+        let there = self.main.points_m.iter().zip(self.memory()).filter(|(place, _)| place[2].is_finite());
+        let (beyond, before): (Vec<_>, Vec<_>) = there.partition(|(place, _)| place[2] > near_m);
+        assert!(before.iter().all(|(_, memory)| **memory == Memory::default()), "a point that is in nothing knows something");
+        for (place, memory) in &beyond {
+            let is_exact = (memory.depth_m - (place[2] - near_m)).abs() < EXACT_M && memory.direction[2] < -0.999;
+            assert!(memory.owner == sheet && is_exact, "{gap_m} m: {place:?} knows {memory:?}");
+        }
+        let is_of_it = |spring: &&PlaneSpring| spring.nodes.iter().all(|node| is_of_sheet(&rest_m[*node as usize]));
+        let contacts = self.main.contacts.springs().iter().filter(is_of_it).count();
+        assert_eq!(contacts, beyond.len(), "{gap_m} m: contacts with the sheet");
+        [beyond.len(), beyond.iter().filter(|(place, _)| place[2] > block_m).count()]
+    }
 }
 
 /// A tool and a sheet, in steps of so many ticks.
 fn with_sheet(step_ticks: u64, name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Bench<'_>)) {
-    let folder = sheet(name);
+    with_scene(step_ticks, (name, &sheet(name)), tip_m, try_it);
+}
+
+/// The same with a sheet of a scene.
+fn with_scene(step_ticks: u64, (name, folder): (&str, &lattice::Folder), tip_m: [f32; 3], try_it: impl FnOnce(&mut Bench<'_>)) {
     let (station, pages, life, mut inbox) = begun_with(step_ticks, name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let mut main = engine(&station, &life, &mut inbox);
     let now = first_state(&mut main);
@@ -154,4 +215,26 @@ fn a_tool_that_slides_off_the_rim_is_let_go_and_one_beside_it_meets_nothing() {
         bench.go([off_m, 2e-4, FACE_M + 8e-3], 2.0, 20);
         assert_eq!(bench.force_n(), [0.0; 3], "beside the sheet");
     });
+}
+
+/// Slowly, so that each step sees a point in the sheet before it is in the block; and so fast that none does.
+#[test]
+fn what_is_passed_holds_the_tool_also_where_that_lies_in_another_object_behind() {
+    let [from_m, to_m] = INTO_BLOCK_M.map(|beyond_m| [1e-4, 2e-4, FACE_M + beyond_m]);
+    for (step_ticks, speed_m_s) in [(1, 0.02f32), (1, 2.0), (4, 2.0)] {
+        let name = format!("b{step_ticks}-{}", 1e3 * speed_m_s);
+        with_scene(step_ticks, (name.as_str(), &sheet_and_block(&name)), from_m, |bench| {
+            assert_eq!(bench.main.world.points.organs, vec![0u32, 1]);
+            for gap_m in GAPS_M {
+                bench.part(gap_m);
+                bench.go(to_m, speed_m_s, 2 * step_ticks);
+                let [beyond, deep] = bench.held(gap_m);
+                println!("{name}, {gap_m} m apart: {beyond} points are beyond the near face, {deep} of them in the block");
+                assert!(deep > 50 && beyond > deep, "{deep} of {beyond} points are in the block");
+                bench.go(from_m, speed_m_s, 2 * step_ticks);
+                assert_eq!(bench.held(gap_m), [0; 2]);
+                assert_eq!(bench.force_n(), [0.0; 3], "{name}: it is out again");
+            }
+        });
+    }
 }
