@@ -34,8 +34,6 @@ const MAX_DEPTH_M: f32 = 0.02;
 /// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons, which grow
 /// from nothing once it is cold ([`ToolMotion::soft_m`]).
 pub const MAX_LOOP_DEPTH_M: f32 = 0.003;
-/// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
-const MAX_HELD_DEPTH_M: f32 = 3e-4;
 /// Nothing sticks to the tool, or to other tissue, over a longer way, m.
 const MOST_BENT_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
@@ -130,10 +128,9 @@ fn way_out(
     (out.map(Vec3::length).fold(depth_m, f32::min), normal, is_sure)
 }
 
-/// How deep a point of the tool is taken to be at most, m: of a loop that is so soft, or of the rest of it, and whether or not it has passed a thin part.
-fn most_depth_m(is_loop: bool, is_held: bool, soft_m: f32) -> f32 {
-    let most_m = if is_loop { MAX_LOOP_DEPTH_M - soft_m } else { MAX_DEPTH_M };
-    if is_held { most_m.min(MAX_HELD_DEPTH_M) } else { most_m }
+/// How deep a point of the tool is taken to be at most, m: of a loop that is so soft, or of the rest of it.
+fn most_depth_m(is_loop: bool, soft_m: f32) -> f32 {
+    if is_loop { MAX_LOOP_DEPTH_M - soft_m } else { MAX_DEPTH_M }
 }
 
 /// How far the state says that something is bent, m: one that was damaged may say anything.
@@ -257,9 +254,11 @@ impl Contacts {
                 self.pressed.push(Pressed { owner, out, is_known });
             } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);
-                let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
+                // What has passed a part meets it where it went in, and anything else where it is.
+                let met_at = if found.source == Source::Held as u32 { at.to_array() } else { point };
+                let along: f32 = normal.iter().zip(met_at).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
-                let depth_m = found.depth_m.min(most_depth_m(is_loop, found.source == Source::Held as u32, tool.soft_m));
+                let depth_m = found.depth_m.min(most_depth_m(is_loop, tool.soft_m));
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
                 let remembered = self.remembered(&tissue, found);

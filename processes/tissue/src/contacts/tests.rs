@@ -137,12 +137,41 @@ fn a_way_back_that_leads_on_through_a_thick_part_is_none_and_one_that_leads_out_
     assert!(tried > 100, "{tried} faces of thick parts");
 }
 
+/// Where it has passed a part, a loop that cuts met that by its whole way through.
 #[test]
-fn a_loop_that_has_just_cut_is_pushed_no_more_where_it_has_passed_a_part_than_where_it_lies_in_one() {
-    let most_m = |is_loop: bool, soft_m: f32| [false, true].map(|is_held| most_depth_m(is_loop, is_held, soft_m));
-    assert_eq!(most_m(true, MAX_LOOP_DEPTH_M), [0.0; 2]);
-    assert_eq!(most_m(true, 0.0), [MAX_LOOP_DEPTH_M, MAX_HELD_DEPTH_M]);
-    assert_eq!(most_m(false, 0.0), [MAX_DEPTH_M, MAX_HELD_DEPTH_M]);
+fn what_has_passed_a_part_is_as_deep_as_it_is_beyond_its_face_and_a_loop_that_cuts_is_in_no_depth() {
+    let world = world();
+    let positions_m = world.model.rest_m();
+    let nodes = world.model.tets()[0];
+    let weights = [0.5, 0.25, 0.25, 0.0];
+    let at = gather(nodes, weights, positions_m).map(Vec3::from).unwrap();
+    let (direction, beyond_m) = (Vec3::Z, 1.5e-3);
+    let points_m = vec![(at - beyond_m * direction).to_array(); world.points.len()];
+    let depth_m = |point: usize, soft_m: f32| {
+        let mut contacts = Contacts::new(&world);
+        let source = Source::Held as u32;
+        contacts.found[0] =
+            Penetration { point: point as u32, tet: 0, weights, depth_m: beyond_m, direction: direction.to_array(), source };
+        let tool = ToolMotion {
+            points_m: &points_m,
+            before: (&Pose::default(), Stand::default()),
+            since_s: 1e-3,
+            way_share: 1.0,
+            tip_m: [0.0; 3],
+            back: [0.0, 0.0, -1.0],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            spared: &[],
+            soft_m,
+        };
+        contacts.spring(&world, &tool, (positions_m, &[]), 1);
+        let spring = contacts.springs[0];
+        spring.offset_m - Vec3::from(spring.normal).dot(at)
+    };
+    let of_loop = world.case.tool.shaft;
+    for (point, soft_m, wanted_m) in [(0, 0.0, beyond_m), (of_loop, 0.0, beyond_m), (of_loop, MAX_LOOP_DEPTH_M, 0.0)] {
+        let found_m = depth_m(point, soft_m);
+        assert!((found_m - wanted_m).abs() < 1e-6, "point {point}, soft by {soft_m} m: {found_m} m, not {wanted_m}");
+    }
 }
 
 #[test]
