@@ -35,7 +35,8 @@ fn main() {
         std::process::exit(1);
     }
     if ordered("forks") {
-        let _ = std::process::Command::new("sleep").arg("600").stdin(std::process::Stdio::null()).spawn(); // who looks for it misses it
+        // Who looks for it misses it where it cannot be started.
+        let _ = std::process::Command::new("sleep").arg("600").stdin(std::process::Stdio::null()).spawn();
     }
     let [doomed, leaks, opens, stands, accuses] = ["doomed", "leak", "files", "stands", "accuses"].map(ordered);
     live(&station, slot, incarnation, Vices { doomed, leaks, opens, stands, accuses });
