@@ -2,7 +2,7 @@
 //! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
 //! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
 //! takes more memory in each step, `files ROLE` opens more files, `floods ROLE` prints without end, `stands ROLE` says that its keeper stands still; these four in
-//! the first slot. As a newcomer `accuses ROLE` refuses what the holder of its role says.
+//! the first slot. As a newcomer `accuses ROLE` refuses what the holder of its role says. `forks ROLE` starts another program, and leaves it to itself.
 
 use hyst_engine::kept;
 use hyst_engine::life::{DESCRIBE, Description};
@@ -34,6 +34,10 @@ fn main() {
     }
     if ordered("die") {
         std::process::exit(1);
+    }
+    if ordered("forks") {
+        // Who looks for it misses it where it cannot be started.
+        let _ = std::process::Command::new("sleep").arg("600").stdin(std::process::Stdio::null()).spawn();
     }
     let [doomed, leaks, opens, floods, stands, accuses] = ["doomed", "leak", "files", "floods", "stands", "accuses"].map(ordered);
     live(&station, slot, incarnation, Vices { doomed, leaks, opens, floods, stands, accuses });

@@ -1,18 +1,20 @@
 //! What the system says about processes: their threads, memory and processor time, and which of them belong to a station.
 
+mod members;
+
 use crate::suspicion::Thread;
-use hyst_exchange::{Station, system};
-use hyst_messages::{Role, Slot};
+use hyst_exchange::system;
+use hyst_messages::Role;
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, Signal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
 use std::process::{Child, Command};
 
-pub use hyst_engine::verify::{await_end, wait_unless, wait_within};
+pub use hyst_engine::verify::{await_end, end_group, wait_unless, wait_within};
+pub use members::{MARK, belongs, group, of_incarnation, of_station, of_user};
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
@@ -166,11 +168,12 @@ pub fn status_of_zombie(process: u32) -> Option<i32> {
     (is_zombie && status != 0).then_some(status)
 }
 
-/// Kills a process, of a role if that is known. Before that, all of its threads are made ordinary ones, so that its tear-down disturbs nobody who is real
-/// time; not those of the device: nobody does its work until it is gone.
+/// Kills a process, of a role if that is known, and what it has started, if it leads a group. Before that, all of its threads are made ordinary ones, so that its
+/// tear-down disturbs nobody who is real time; not those of the device: nobody does its work until it is gone.
 pub fn end(role: Option<Role>, process: u32) {
     demote(role, process);
     signal(process, Signal::KILL);
+    end_group(process);
 }
 
 /// The same for one that is held by its descriptor: its id may be somebody else's by now, and nobody else is killed.
@@ -252,46 +255,10 @@ pub fn processor_s(process: u32) -> Option<f64> {
     Some((user + system) / CLOCK_HZ)
 }
 
-/// Processes of a station by their command line (`--station NAME`): all but the guardian and the caller.
-pub fn of_station(station: &Station) -> Vec<u32> {
-    let mine = std::process::id();
-    let user = system::user_id();
-    std::fs::read_dir("/proc")
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|entry| entry.file_name().to_string_lossy().parse::<u32>().ok())
-        .filter(|process| *process != mine && belongs(*process, user, station.name()))
-        .collect()
-}
-
-/// The process that was started as this incarnation in this slot, by its command line.
-pub fn of_incarnation(station: &Station, slot: Slot, incarnation: u32) -> Option<u32> {
-    let (slot, incarnation) = (slot.to_string(), incarnation.to_string());
-    let is_it = |process: &u32| {
-        let line = std::fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
-        let words: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
-        let says = |name: &[u8], value: &str| words.windows(2).any(|pair| pair[0] == name && pair[1] == value.as_bytes());
-        says(b"--slot", &slot) && says(b"--incarnation", &incarnation)
-    };
-    of_station(station).into_iter().find(is_it)
-}
-
-fn belongs(process: u32, user: u32, name: &str) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let folder = format!("/proc/{process}");
-    if !Path::new(&folder).metadata().is_ok_and(|data| data.uid() == user) {
-        return false;
-    }
-    let Ok(line) = std::fs::read(format!("{folder}/cmdline")) else { return false };
-    let arguments: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
-    let named = arguments.windows(2).any(|pair| pair[0] == b"--station" && pair[1] == name.as_bytes());
-    named && system::process_start(process).is_some()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_exchange::Station;
     use std::os::unix::process::ExitStatusExt;
     use std::process::{Command, Stdio};
 

@@ -53,17 +53,23 @@ pub fn supervisor(station: &Station) -> Option<Living> {
     slot_alive(&station.open().ok()?, Slot::first(Role::Supervisor).number())
 }
 
-/// Everyone of the station who is alive, except the caller: by the station page, and by command line for who is not in it.
+/// Everyone of the station who is alive, except the caller: by the station page, and who is not in it by the process group of an engine that is, or by what it
+/// says itself.
 pub fn living(station: &Station) -> Vec<Living> {
     let mut found: Vec<Living> = match station.open() {
         Ok(page) => (0..SLOTS).filter_map(|slot| slot_alive(&page, slot)).collect(),
         Err(_) => Vec::new(),
     };
-    for pid in proc::of_station(station) {
-        if let Some(start) = system::process_start(pid)
-            && !found.iter().any(|living| living.pid == pid)
+    let known = found.clone();
+    let keepers = [Role::Guardian.name(), Role::Supervisor.name()]; // in a guardian's group others of the user may be
+    for pid in proc::of_user().filter(|pid| known.iter().all(|living| living.pid != *pid)) {
+        let group = proc::group(pid);
+        let leader = known.iter().find(|living| group == Some(living.pid) && !keepers.contains(&living.name.as_str()));
+        if (leader.is_some() || proc::belongs(pid, station))
+            && let Some(start) = system::process_start(pid)
         {
-            found.push(Living { pid, start, name: "unregistered".into() });
+            let name = leader.map_or_else(|| "unregistered".into(), |leader| format!("a child of {}", leader.name));
+            found.push(Living { pid, start, name });
         }
     }
     found.retain(|living| living.pid != std::process::id());
@@ -119,4 +125,90 @@ pub fn end_all(station: &Station) {
         kill_all(station, || {});
     }
     station.wipe();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spawn::note_exit;
+    use std::io::{BufRead, BufReader};
+    use std::os::unix::process::CommandExt;
+    use std::process::{Child, Command, Stdio};
+
+    fn founded(name: &str) -> Station {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        station
+    }
+
+    /// A shell that leads a group and goes on with these words after it has started another program, and the number of that one.
+    fn with_started(mark: &str, goes_on: &str) -> (Child, u32) {
+        let script = format!("sleep 600 & echo $!; {goes_on}");
+        let mut command = Command::new("sh");
+        command.args(["-c", &script]).env(proc::MARK, mark).stdin(Stdio::null()).stdout(Stdio::piped()).process_group(0);
+        let mut child = command.spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        (child, line.trim().parse().unwrap())
+    }
+
+    fn await_end(pid: u32) {
+        let until_ns = system::now_ns() + 60_000_000_000;
+        while system::process_start(pid).is_some() {
+            assert!(system::now_ns() < until_ns, "{pid} lives on");
+            system::sleep_ns(POLL_NS);
+        }
+    }
+
+    fn name_of(station: &Station, pid: u32) -> Option<String> {
+        living(station).into_iter().find(|living| living.pid == pid).map(|living| living.name)
+    }
+
+    /// It was known by its command line alone, and whoever had become another program had none.
+    #[test]
+    fn what_an_engine_has_started_is_counted_as_its_child_and_ends_before_the_engine_is_reaped() {
+        let station = founded("group");
+        let (page, slot) = (station.open_for_keeping().unwrap(), Slot::first(Role::Tissue));
+        let (mut engine, started) = with_started("", "wait"); // one that cleans its environment up
+        page.store64(layout::SLOT_START + slot.number(), system::process_start(engine.id()).unwrap());
+        page.store32(layout::SLOT_PID + slot.number(), engine.id());
+        assert_eq!(name_of(&station, engine.id()), Some("tissue:0".into()));
+        assert_eq!(name_of(&station, started), Some("a child of tissue:0".into()));
+        engine.kill().unwrap();
+        await_end(engine.id());
+        assert!(system::process_start(started).is_some(), "nobody has ended it yet");
+        note_exit(&page, slot.number(), engine.id());
+        await_end(started);
+        assert_eq!(engine.wait().unwrap().code(), None);
+        assert_eq!(living(&station), Vec::<Living>::new());
+        station.wipe();
+    }
+
+    #[test]
+    fn what_a_dead_engine_had_started_is_known_by_its_environment_and_ended_with_the_station() {
+        let station = founded("mark");
+        let (mut engine, started) = with_started(station.name(), "exit 0");
+        engine.wait().unwrap();
+        assert_eq!(name_of(&station, started), Some("unregistered".into()));
+        assert_eq!(kill_all(&station, || {}), ["unregistered"]);
+        await_end(started);
+        assert_eq!(living(&station), Vec::<Living>::new());
+        station.wipe();
+    }
+
+    /// `hystation run | tee` has both in one group.
+    #[test]
+    fn who_is_in_a_keepers_group_is_not_counted() {
+        let station = founded("keeper");
+        let (page, slot) = (station.open_for_keeping().unwrap(), Slot::first(Role::Guardian));
+        let (mut keeper, beside) = with_started("", "wait");
+        page.store64(layout::SLOT_START + slot.number(), system::process_start(keeper.id()).unwrap());
+        page.store32(layout::SLOT_PID + slot.number(), keeper.id());
+        assert_eq!((name_of(&station, keeper.id()), name_of(&station, beside)), (Some("guardian".into()), None));
+        proc::end(None, keeper.id());
+        await_end(beside); // whoever ends the leader of a group ends all of it
+        keeper.wait().unwrap();
+        station.wipe();
+    }
 }

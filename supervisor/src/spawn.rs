@@ -169,7 +169,7 @@ impl Spawner {
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // No layers that search for devices, and no threads of the software rasterizer beside its queue's: pictures give way to the
             // engines, and such a thread unlocks a fence that another may have freed (docs/faults.md).
-            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1")])
+            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1"), (proc::MARK, self.station.name())])
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)
@@ -183,6 +183,7 @@ impl Spawner {
         self.mortality.pass("spawn-entered");
         // Nobody would see it die, and its slot would be filled again.
         self.watch(slot, incarnation, child.id(), spawned_ns).inspect_err(|_| {
+            proc::end_group(child.id());
             let _ = child.kill().and_then(|()| child.wait()); // one that has ended already is as good
             self.mark_dead(slot, incarnation);
             self.page.store32(layout::SLOT_BOOKED + slot.number(), incarnation); // as a start that failed
@@ -288,11 +289,14 @@ pub fn reap(pid: u32) -> Exit {
     reaped.map_or(Exit::Unknown, |(_, status)| exit_of(status.as_raw()))
 }
 
-/// Says in the station's page how a dead child that is in a slot has ended, for whoever is supervisor next. To be called before it is reaped: after that
-/// nobody can ask.
+/// Says in the station's page how a dead child that is in a slot has ended, for whoever is supervisor next, and ends what it had started. To be called before
+/// it is reaped: after that nobody can ask, and the number of its group may be that of others.
 pub fn note_exit(page: &OwnedPage, slot: usize, pid: u32) {
     let asked = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     let status = proc::pid(pid).and_then(|pid| waitid(WaitId::Pid(pid), asked).ok().flatten());
+    if status.is_some() {
+        proc::end_group(pid);
+    }
     let raw = status.and_then(|it| it.terminating_signal().or_else(|| it.exit_status().map(|code| code << 8)));
     if let Some(raw) = raw {
         page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, raw));

@@ -161,6 +161,49 @@ fn a_run_of_the_same_settings_takes_over_from_a_stand_in_and_another_is_refused(
     assert_eq!(place.leftovers(), Vec::<String>::new());
 }
 
+/// What an engine has started: whoever else is in the group that it leads.
+fn started_by(engine: u64) -> Vec<u64> {
+    let is_in_group = |pid: &u32| u64::from(*pid) != engine && hystation::proc::group(*pid).map(u64::from) == Some(engine);
+    hystation::proc::of_user().filter(is_in_group).map(u64::from).collect()
+}
+
+/// Whoever had become another program by then lived on, at the stop too: nobody but its engine had known of it.
+#[test]
+fn what_an_engine_has_started_ends_with_it_whoever_keeps_the_station_and_reaps_it() {
+    let place = Place::new("forks");
+    std::fs::write(place.folder.join("fake"), "forks fluid\nforks tissue\n").unwrap();
+    let mut child = place.start(&[]);
+    let mut rows = place.wait_ready();
+    let end_one = |rows: &Rows, name: &str| {
+        let victim = pid_of(rows, name);
+        let started = started_by(victim);
+        assert_eq!(started.len(), 1, "{name}");
+        kill(victim);
+        place::ended(started[0]);
+        let is_back = |(_, pid, state): &(String, u64, String)| *pid != victim && (state == "live" || state == "spare");
+        place.wait(&format!("another {name}"), |rows| rows.len() == place::PROCESSES && rows.iter().all(is_back))
+    };
+    rows = end_one(&rows, "fluid:1"); // the supervisor's child
+    kill_and_wait(&place, &rows, &["supervisor"]);
+    rows = place.wait_ready();
+    rows = end_one(&rows, "tissue:1"); // the guardian's
+    kill_and_wait(&place, &rows, &["guardian"]);
+    child.wait().unwrap();
+    rows = place.wait_ready();
+    kill_and_wait(&place, &rows, &["supervisor"]);
+    rows = place.wait_ready();
+    rows = end_one(&rows, "fluid:0"); // that of none of them
+    let keepers = ["guardian", "supervisor"].map(|name| pid_of(&rows, name));
+    let started: Vec<u64> = engines(&rows).iter().flat_map(|(_, pid)| started_by(*pid)).collect();
+    assert_eq!(started.len(), 4);
+    keepers.into_iter().for_each(kill);
+    keepers.into_iter().for_each(place::ended);
+    let stopped = place.call(&["stop"]);
+    assert!(stopped.status.success(), "{}", text(&stopped.stderr));
+    started.into_iter().for_each(place::ended);
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
 #[test]
 fn a_stand_in_ends_the_run_in_time_and_writes_the_report() {
     let place = Place::new("endure");

@@ -24,6 +24,18 @@ pub fn swap(station: &Station, role: &str, binary: &Path) -> (Option<i32>, Value
     wait_for(RECOVERY_LIMIT, try_it).unwrap_or_else(|| panic!("{role} does not become whole: {}", station.status()))
 }
 
+/// Waits until nothing lives that a bad engine which `forks` has started, as it was asked what it is or in a station: `sh`, with that engine's file as its last
+/// word.
+pub fn assert_left_nobody(engine: &Path) {
+    let ends = [b"\0".as_slice(), engine.as_os_str().as_encoded_bytes(), b"\0"].concat();
+    let is_gone = || {
+        let folders = std::fs::read_dir("/proc").expect("what runs").flatten();
+        let mut lines = folders.filter_map(|folder| std::fs::read(folder.path().join("cmdline")).ok());
+        (!lines.any(|line| line.starts_with(b"sh\0") && line.ends_with(&ends))).then_some(())
+    };
+    assert!(wait_for(RECOVERY_LIMIT, is_gone).is_some(), "what {} has started lives on", engine.display());
+}
+
 /// Whether a newcomer was rolled back because the machine left it no time to show what it is.
 pub fn got_no_time(record: &Value) -> bool {
     record["cause"] == "no-time"

@@ -4,7 +4,7 @@
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::swapped::{got_no_time, swap};
+use station_tests::swapped::{assert_left_nobody, got_no_time, swap};
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -44,6 +44,7 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         ("tissue", bad_engine(folder.as_path(), "tissue", "leak"), 1, Some(false), "it grows"),
         ("tissue", bad_engine(folder.as_path(), "tissue", "epoch"), 1, Some(false), ""),
         ("haptic", bad_engine(folder.as_path(), "haptic", "slow"), 1, Some(false), ""),
+        ("collision-worker", bad_engine(folder.as_path(), "collision-worker", "forks"), 1, Some(false), ""),
         ("rendering", binaries().join("example-picture"), 0, Some(true), ""),
         ("rendering", bad_engine(folder.as_path(), "rendering", "black"), 1, Some(false), "all of one colour"),
     ];
@@ -52,6 +53,7 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
             continue;
         }
         let (code, told, said) = tried(role, &binary);
+        assert_left_nobody(&binary);
         if code == Some(3) {
             not_shown(&format!("whether {} conforms: the machine was too busy", binary.display()));
             continue;

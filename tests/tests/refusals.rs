@@ -2,7 +2,7 @@
 //! keeps: it swaps in the file itself, and says so.
 
 use serde_json::Value;
-use station_tests::swapped::{got_no_time, swap};
+use station_tests::swapped::{assert_left_nobody, got_no_time, swap};
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -53,6 +53,8 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
         ("fluid", bad_engine(&folder, "fluid", "flood"), "did not end within"),
         ("fluid", bad_engine(&folder, "fluid", "foreign"), "has interface"),
         ("fluid", binaries().join("tissue"), "is a tissue, not a fluid"),
+        // It says what it is, and leaves a process.
+        ("tissue", bad_engine(&folder, "fluid", "forks"), "is a fluid, not a tissue"),
         ("fluid", binaries().join("hystation"), "is it an engine?"),
         ("hardware", binaries().join("hardware"), "is no engine"),
         ("supervisor", binaries().join("hystation"), "is no engine"),
@@ -62,6 +64,7 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
         let (code, _, said) = swap(&station, role, &binary);
         assert_eq!(code, Some(2), "{role} {}: {said}", binary.display());
         assert!(said.contains(reason), "{role} {}: {said}", binary.display());
+        assert_left_nobody(&binary);
     }
     interrupt_while_asked(&station, &bad_engine(&folder, "fluid", "silent"));
     let nobody = run(hystation().args(["--name", "no-such-station", "swap", "fluid"]).arg(binaries().join("fluid")));

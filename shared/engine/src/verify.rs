@@ -4,7 +4,7 @@
 use crate::life::{DESCRIBE, Description};
 use hyst_exchange::system;
 use hyst_messages::Role;
-use rustix::process::{Pid, Signal};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
@@ -144,19 +144,18 @@ fn first_line(said: &[u8]) -> Option<String> {
     Some(line.chars().filter(|character| !character.is_control()).take(MOST_CHARACTERS).collect())
 }
 
-/// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
-/// child of it could hold a pipe open, and there is no status. One that the system does not let end, as for a disk that does not answer, is left as it is.
+/// Waits for the end of a child that leads a process group of its own, with which whoever else is in the group is ended: what it has started. One that does not
+/// end within `limit_ns` is killed with its whole group, since a child of it could hold a pipe open, and there is no status. One that the system does not let
+/// end, as for a disk that does not answer, is left as it is.
 pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
     wait_unless(child, limit_ns, &|| false)
 }
 
 /// The same, and also killed as soon as it is given up.
 pub fn wait_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool) -> Option<ExitStatus> {
-    let status = await_unless(child, limit_ns, given_up);
+    let status = await_unless(limit_ns, given_up, || ended_with_group(child));
     if status.is_none() {
-        if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
-            let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
-        }
+        end_group(child.id());
         let _ = child.kill(); // it may have gone into another group
         let _ = await_end(child, GONE_WITHIN_NS);
     }
@@ -165,13 +164,33 @@ pub fn wait_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool
 
 /// Waits for the end of a child; `None` of one that has not ended within `limit_ns`, to which nothing is done.
 pub fn await_end(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
-    await_unless(child, limit_ns, &|| false)
+    await_unless(limit_ns, &|| false, || child.try_wait().ok().flatten())
 }
 
-fn await_unless(child: &mut Child, limit_ns: u64, given_up: &dyn Fn() -> bool) -> Option<ExitStatus> {
+/// Kills whoever is in the process group that a process leads or has led: what it has started, whatever that has become, unless it has left the group. To be
+/// called before the leader is reaped, or when it has just ended: later its number may be that of others.
+pub fn end_group(leader: u32) {
+    // By 1 all processes would be meant.
+    if let Some(group) = i32::try_from(leader).ok().and_then(Pid::from_raw).filter(|pid| !pid.is_init()) {
+        let _ = kill_process_group(group, Signal::KILL); // gone is as good
+    }
+}
+
+/// The status of a child that has ended, whose group is ended before it is reaped.
+fn ended_with_group(child: &mut Child) -> Option<ExitStatus> {
+    let asked = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+    match waitid(WaitId::Pid(Pid::from_child(child)), asked) {
+        Ok(None) => return None,
+        Ok(Some(_)) => end_group(child.id()),
+        Err(_) => {} // it was reaped before
+    }
+    child.try_wait().ok().flatten()
+}
+
+fn await_unless(limit_ns: u64, given_up: &dyn Fn() -> bool, mut ended: impl FnMut() -> Option<ExitStatus>) -> Option<ExitStatus> {
     let deadline_ns = system::now_ns() + limit_ns;
     loop {
-        if let Ok(Some(status)) = child.try_wait() {
+        if let Some(status) = ended() {
             return Some(status);
         }
         if system::now_ns() >= deadline_ns || given_up() {
@@ -204,25 +223,46 @@ mod tests {
         }
     }
 
-    /// Ctrl-C while a file was asked what it is left its process, and all that it had started.
-    #[test]
-    fn who_is_given_up_is_ended_with_all_that_it_has_started() {
+    /// A shell that leads a group and goes on with so many words after it has started another process, and the number of that one.
+    fn with_started(goes_on: &str) -> (Child, u32) {
         use std::io::{BufRead, BufReader};
+        let script = format!("sleep 600 & echo $!; {goes_on}");
         let mut command = Command::new("sh");
-        command.args(["-c", "sleep 600 & echo $!; wait"]).stdin(Stdio::null()).stdout(Stdio::piped()).process_group(0);
+        command.args(["-c", &script]).stdin(Stdio::null()).stdout(Stdio::piped()).process_group(0);
         let mut child = command.spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let stat = format!("/proc/{}/stat", line.trim());
-        // One that nobody reaps stays as a zombie.
-        let lives = || std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z "));
-        assert!(lives(), "{stat}");
-        assert_eq!(wait_unless(&mut child, u64::MAX / 4, &|| true), None);
+        let started = line.trim().parse().unwrap();
+        assert!(system::process_start(started).is_some(), "{started}");
+        (child, started)
+    }
+
+    fn await_gone(started: u32) {
         let deadline_ns = system::now_ns() + 60_000_000_000;
-        while lives() {
+        while system::process_start(started).is_some() {
             assert!(system::now_ns() < deadline_ns, "it was left");
             system::sleep_ns(BETWEEN_LOOKS_NS);
         }
+    }
+
+    /// A program that had said what it is and had ended left whatever it had started, twice for each swap.
+    #[test]
+    fn what_one_that_ends_by_itself_has_started_is_ended_with_it() {
+        for (goes_on, code) in [("exit 0", 0), ("exit 3", 3)] {
+            let (mut child, started) = with_started(goes_on);
+            let status = wait_within(&mut child, u64::MAX / 4);
+            assert_eq!(status.and_then(|status| status.code()), Some(code));
+            await_gone(started);
+            assert_eq!(wait_within(&mut child, 0), status, "it is known still");
+        }
+    }
+
+    /// Ctrl-C while a file was asked what it is left its process, and all that it had started.
+    #[test]
+    fn who_is_given_up_is_ended_with_all_that_it_has_started() {
+        let (mut child, started) = with_started("wait");
+        assert_eq!(wait_unless(&mut child, u64::MAX / 4, &|| true), None);
+        await_gone(started);
         let refused = verify(Path::new("/bin/cat"), Role::Fluid, &|| true).unwrap_err();
         assert!(refused.contains("is it an engine?") || refused.contains("was given up"), "{refused}");
     }

@@ -214,10 +214,16 @@ fn in_a_station(role: Role, binary: &Path, place: Place, interrupted: &AtomicBoo
     if checks.iter().any(|check| check.what == PASSES && check.good) {
         checks.push(check("ends with the station", ends.told(&words)));
     }
-    let left = station.leftovers();
-    let nothing = if left.is_empty() { Ok("no process, no shared memory, no file".into()) } else { Err(format!("{left:?}")) };
-    checks.push(check("leaves nothing behind", nothing));
+    checks.push(check("leaves nothing behind", left_behind(&station)));
     Ok((checks, log))
+}
+
+/// What is left of a station that has ended: its processes, and whatever an engine of it had started; segments and files.
+fn left_behind(station: &Station) -> Result<String, String> {
+    let processes = crate::remains::living(station).into_iter().map(|living| format!("process {} ({})", living.pid, living.name));
+    let files = station.leftovers().into_iter().map(|path| path.display().to_string());
+    let left: Vec<String> = processes.chain(files).collect();
+    if left.is_empty() { Ok("no process, no shared memory, no file".into()) } else { Err(left.join(", ")) }
 }
 
 /// Whether each slot of the station has a process that works; the incarnations of a role.
@@ -325,5 +331,22 @@ mod tests {
         let what_is_left = ("leaves nothing behind", false);
         assert_eq!([code(&[(PASSES, true)]), code(&[(PASSES, true), what_is_left]), code(&[(PASSES, false)])], [0, 1, 1]);
         assert_eq!([code(&[(NO_TIME, false)]), code(&[(PASSES, true), (NO_TIME, false), what_is_left])], [3, 3]);
+    }
+
+    /// It said that there was no process, and had looked for none.
+    #[test]
+    fn a_process_that_is_left_is_named_and_a_station_of_which_nothing_is_left_is_good() {
+        let station = Station::named(&format!("t{}-left", std::process::id())).unwrap();
+        assert_eq!(left_behind(&station), Ok("no process, no shared memory, no file".into()));
+        let mut left = Command::new("sleep").arg("600").env(crate::proc::MARK, station.name()).spawn().unwrap();
+        let until_ns = system::now_ns() + 60_000_000_000;
+        while left_behind(&station).is_ok() {
+            assert!(system::now_ns() < until_ns, "it is not seen"); // at first it is not yet what it was started as
+            system::sleep_ns(1_000_000);
+        }
+        assert_eq!(left_behind(&station), Err(format!("process {} (unregistered)", left.id())));
+        left.kill().unwrap();
+        left.wait().unwrap();
+        assert!(left_behind(&station).is_ok());
     }
 }

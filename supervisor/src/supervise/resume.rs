@@ -110,7 +110,8 @@ impl Supervisor {
         }
     }
 
-    /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page.
+    /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page, or an engine that had started them
+    /// died while nobody watched.
     fn end_strays(&self) {
         let known = |living: &crate::remains::Living| living.name != "unregistered";
         for living in crate::remains::living(&self.station).iter().filter(|living| !known(living)) {

@@ -3,7 +3,7 @@
 
 use super::{CONTROL_TICKS, LEAST, TRIES, judge, number_of, together};
 use station_tests::shown::not_shown;
-use station_tests::swapped::{got_no_time, swap};
+use station_tests::swapped::{assert_left_nobody, got_no_time, swap};
 use station_tests::windows::Pairs;
 use station_tests::{DEVICE_TICKS, Station, bad_engine};
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 44] = [
+const BAD: [(&str, &str, &[&str], &str); 45] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -42,6 +42,8 @@ const BAD: [(&str, &str, &[&str], &str); 44] = [
     ("haptic", "slow", &["late", "slow", "not-compared"], ""),
     ("collision-worker", "segfault", DIES, ""),
     ("collision-worker", "blind", &["refused"], ""),
+    // What it has started, as it was asked what it is and as it began, ends with it.
+    ("collision-worker", "forks", DIES, ""),
     ("collision-worker", "stop", STANDS_IN_PLACE, ""),
     ("collision-worker", "slow", &["late", "slow", "hung", "refused"], ""),
     ("recorder", "exit", DIES, ""),
@@ -121,6 +123,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         }
         station.recover();
         assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
+        assert_left_nobody(&path);
     }
     device.heed_controls_of(&together(&windows));
     // To the bad one and back to the good one.

@@ -8,14 +8,15 @@ mod pictures;
 mod stateful;
 
 use hyst_engine::life::{DESCRIBE, Description};
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Life, kept};
 use hyst_exchange::system;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Role, TICK_NS};
 use pictures::{PICTURE_NS, changing, draw};
 use rustix::process::{Signal, getpid, kill_process};
 use std::io::Write;
-use std::process::ExitCode;
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Steps in the shadow, or of its tenure, after which the defect shows.
@@ -95,6 +96,14 @@ fn babble() {
     }
 }
 
+/// Starts another program, which lasts, says nothing of any station, and has the file of this engine as its last word.
+fn fork() {
+    let own = kept::name_of(Path::new(&std::env::args().next().unwrap_or_default()));
+    let mut command = Command::new("sh");
+    command.args(["-c", "sleep 600; true"]).arg(own).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let _ = command.spawn(); // a failure leaves an engine that is not as bad
+}
+
 /// Whether an engine without a state has made enough steps for its defect to show.
 fn is_out_of_its_shadow() -> bool {
     static STEPS: AtomicU32 = AtomicU32::new(0);
@@ -154,6 +163,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
     match kind {
         "leak" => once_ready(life, kind, leak)?,
         "babble" => once_ready(life, kind, babble)?,
+        "forks" => fork(),
         _ => {}
     }
     match (life.slot.role(), kind) {
@@ -204,6 +214,7 @@ fn describes(role: Role, kind: &str) -> bool {
             let _ = std::io::stdout().write_all(&[b'x'; 4_096]);
         },
         "reluctant" => system::sleep_ns(DESCRIBES_AFTER_NS),
+        "forks" => fork(),
         "foreign" => {
             let mut own = Description::of(role);
             own.interface += 1;
