@@ -7,6 +7,7 @@ use hyst_messages::page::station as layout;
 use hyst_messages::{Role, SLOTS, Slot};
 use rustix::process::Signal;
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 /// A living engine: its slot, its process, and when that was started (clock ticks since boot). An id alone may be used again.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -73,7 +74,8 @@ impl Station {
     pub fn pass_ticks(&self, ticks: u64) {
         let clock = self.clock();
         let end = clock.present_tick() + ticks;
-        let passed = wait_for(RECOVERY_LIMIT, || (clock.present_tick() >= end).then_some(()));
+        let limit = RECOVERY_LIMIT + Duration::from_millis(2 * ticks);
+        let passed = wait_for(limit, || (clock.present_tick() >= end).then_some(()));
         assert!(passed.is_some(), "the station's clock does not reach tick {end}");
     }
 

@@ -8,6 +8,7 @@ mod ended;
 mod folder;
 mod keepers;
 pub mod page;
+pub mod paired;
 pub mod shown;
 pub mod swapped;
 pub mod windows;

@@ -1,7 +1,9 @@
 //! Windows with a load against windows without one, interleaved in the same run, so that the host's noise falls on both; and the load.
 
 use crate::Station;
+use crate::paired::beside_control;
 use crate::shown::Promise;
+use hystation::campaign::judge::pairs::Window;
 use std::process::{Child, Command, Stdio};
 
 /// Ticks of each window of [compare]. Windows with and without the load alternate, so that the host's noise falls on both.
@@ -73,6 +75,8 @@ pub struct Pairs {
     counted: Vec<f64>,
     /// What the worst of the controls lost of a thousand ticks.
     worst_control: f64,
+    /// The windows of those whose control is as long, and these.
+    as_long: Vec<[Window; 2]>,
 }
 
 impl Pairs {
@@ -80,15 +84,35 @@ impl Pairs {
     pub fn around<T>(&mut self, station: &Station, ticks: u64, done: impl FnOnce() -> T) -> T {
         let (control, quiet_share, ()) = Ticks::of(station, || station.run_ticks(ticks));
         let (with, share, result) = Ticks::of(station, done);
+        self.take(control, with, quiet_share.min(share));
+        result
+    }
+
+    /// What is done, until the station is whole and what may come of it later has come, and then a quiet window that is as long.
+    pub fn beside<T>(&mut self, station: &Station, done: impl FnOnce() -> T) -> T {
+        let (pair, result) = beside_control(station, done);
+        let [with, control] = pair.map(|window| Ticks(window.ticks, window.missed));
+        let share = |window: &Window| window.ticks as f64 / (window.to_tick - window.from_tick).max(1) as f64;
+        self.take(control, with, share(&pair[0]).min(share(&pair[1])));
+        self.as_long.push(pair);
+        result
+    }
+
+    /// Adds a pair, of the windows of which such a share at least is not void.
+    fn take(&mut self, control: Ticks, with: Ticks, share: f64) {
         (self.control, self.with) = (self.control.and(control), self.with.and(with));
-        if quiet_share.min(share) >= LEAST_SHARE {
+        if share >= LEAST_SHARE {
             let excess = with.per_mille() - control.per_mille();
             self.excesses.push(excess);
             self.missed.push(excess * 1e-3 * with.0 as f64);
             self.counted.push(with.0 as f64);
             self.worst_control = self.worst_control.max(control.per_mille());
         }
-        result
+    }
+
+    /// The windows of those whose control is as long, and these.
+    pub fn as_long(&self) -> &[[Window; 2]] {
+        &self.as_long
     }
 
     /// Adds the pairs of others.
@@ -97,6 +121,7 @@ impl Pairs {
         self.excesses.extend(&other.excesses);
         self.missed.extend(&other.missed);
         self.counted.extend(&other.counted);
+        self.as_long.extend(&other.as_long);
         self.heed_controls_of(other);
     }
 
@@ -107,15 +132,23 @@ impl Pairs {
 
     /// Fails if what was done costs so many ticks each time, beyond doubt, or one time more than the host explains.
     pub fn judge_each(&self, what: &str, allowed: f64, least: usize, station: &Station) {
-        let what = format!("{what}, ticks lost each time");
-        // What the host takes grows with the window.
-        let most = |counted: f64| 1e-3 * self.worst_control.max(STALLS_OF_A_THOUSAND) * counted;
-        let promise = |counted: f64| Promise::of_ticks(allowed, least, most(counted));
-        for (missed, counted) in self.missed.iter().zip(&self.counted) {
-            promise(*counted).assert_one(&what, *missed, || station.said());
-        }
+        self.assert_each(what, allowed, station);
         let longest = self.counted.iter().copied().fold(0.0, f64::max);
-        promise(longest).judge(&what, &self.missed, || station.said());
+        let promise = self.promise(allowed, least, longest);
+        promise.judge(&format!("{what}, ticks lost each time"), &self.missed, || station.said());
+    }
+
+    /// Fails if what was done costs one time more than so many ticks and than the host explains.
+    pub fn assert_each(&self, what: &str, allowed: f64, station: &Station) {
+        for (missed, counted) in self.missed.iter().zip(&self.counted) {
+            let promise = self.promise(allowed, 1, *counted);
+            promise.assert_one(&format!("{what}, ticks lost each time"), *missed, || station.said());
+        }
+    }
+
+    /// One about windows of so many ticks that count: what the host takes grows with the window.
+    fn promise(&self, allowed: f64, least: usize, counted: f64) -> Promise {
+        Promise::of_ticks(allowed, least, 1e-3 * self.worst_control.max(STALLS_OF_A_THOUSAND) * counted)
     }
 
     /// How many count.

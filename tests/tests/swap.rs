@@ -4,9 +4,14 @@
 
 #[path = "swap/bad.rs"]
 mod bad;
+#[path = "swap/costs.rs"]
+mod costs;
 #[path = "swap/cutting.rs"]
 mod cutting;
+#[path = "swap/judged.rs"]
+mod judged;
 
+use costs::{Costs, LEAST};
 use hyst_exchange::{Roster, system};
 use hyst_messages::page::{Stage, header};
 use hyst_messages::{Role, Slot};
@@ -14,17 +19,13 @@ use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::swapped::{assert_deficit_goes_on, assert_swaps_are_told, got_no_time, swap};
-use station_tests::windows::{Pairs, Spinners};
+use station_tests::windows::Spinners;
 use station_tests::{DEVICE_TICKS, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
-/// Ticks of a control window.
-const CONTROL_TICKS: u64 = 1_500;
-/// Swaps that must count.
-const LEAST: usize = 3;
-
+/// The roles that are swapped for a good engine, in this order.
+const ROLES: [&str; 8] = ["tissue", "haptic", "collision-worker", "rendering", "recorder", "console", "fluid", "device"];
 /// Tries of a good swap: on a busy machine a newcomer that gets no time is rolled back, which harms nobody.
 const TRIES: usize = 5;
 
@@ -47,9 +48,14 @@ fn swap_well(station: &Station, role: &str, binary: &Path) -> bool {
     false
 }
 
-/// Swaps of each role to good engines; `HYSTATION_SWAPS=50` makes fifty.
-fn swaps() -> usize {
-    number_of("HYSTATION_SWAPS").unwrap_or(1)
+/// Those of the roles that are named, `haptic,tissue`; all if none are.
+fn roles_of(named: Option<&str>) -> Result<Vec<&'static str>, String> {
+    let Some(named) = named else { return Ok(ROLES.to_vec()) };
+    let names: Vec<&str> = named.split(',').map(str::trim).collect();
+    if let Some(other) = names.iter().find(|name| !ROLES.contains(name)) {
+        return Err(format!("HYSTATION_SWAPS_OF: {other:?} is none of {}; write roles with commas between", ROLES.join(", ")));
+    }
+    Ok(ROLES.into_iter().filter(|role| names.contains(role)).collect())
 }
 
 /// A variable that is a number.
@@ -70,51 +76,31 @@ fn kill_supervisor(station: &Station) {
     station.wait_until_gone(pid);
 }
 
-/// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.
-const ALLOWED_EACH: f64 = 0.05;
-
-/// The windows of all roles.
-fn together(windows: &BTreeMap<&str, Pairs>) -> Pairs {
-    let mut all = Pairs::default();
-    windows.values().for_each(|pairs| all.add(pairs));
-    all
-}
-
-/// Judges what so many swaps of each role cost, each role by itself where there are many, and all of them together.
-fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, of_each: usize, station: &Station) {
-    let all = together(windows);
-    for (role, pairs) in windows {
-        if of_each >= LEAST {
-            pairs.judge_each(&format!("{what} of {role}"), ALLOWED_EACH, of_each * 4 / 5, station);
-        }
-    }
-    all.judge(what, LEAST, station);
-    all.judge_each(what, ALLOWED_EACH, LEAST, station);
-}
-
+/// `HYSTATION_SWAPS=60` makes sixty swaps of each role, `HYSTATION_SWAPS_OF=haptic,tissue` of these two alone.
 #[test]
 fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones() {
+    let named = std::env::var("HYSTATION_SWAPS_OF").ok();
+    let roles = roles_of(named.as_deref()).unwrap_or_else(|reason| panic!("{reason}"));
+    let (asked, example) = (number_of("HYSTATION_SWAPS"), binaries().join("example-engine"));
+    let count = asked.unwrap_or(1);
     let station = Station::start("swap", &["--hand", "script:press", "--test-mode"]);
     // Many swaps are made beside an ordinary process that spins.
-    let _load = Spinners::start(usize::from(swaps() >= LEAST));
-    let (mut windows, mut device, mut runs_example) = (BTreeMap::<&str, Pairs>::new(), Pairs::default(), false);
-    let example = binaries().join("example-engine");
-    for round in 0..swaps() {
-        for role in ["tissue", "haptic", "collision-worker", "rendering", "recorder", "console"] {
-            let copy = copy(&station, role, round);
-            windows.entry(role).or_default().around(&station, CONTROL_TICKS, || swap_well(&station, role, &copy));
+    let _load = Spinners::start(usize::from(count >= LEAST));
+    let (mut costs, mut runs_example) = (Costs::new("swaps", DEVICE_TICKS, asked.is_some(), &station), false);
+    for round in 0..count {
+        for role in roles.iter().copied() {
+            let binary = match role {
+                "fluid" if (count - round) % 2 == 1 => example.clone(),
+                "fluid" => binaries().join("fluid"),
+                _ => copy(&station, role, round),
+            };
+            let swapped = costs.around(role, &station, || swap_well(&station, role, &binary));
+            if role == "fluid" && swapped {
+                runs_example = binary == example;
+            }
         }
-        let fluid = if (swaps() - round) % 2 == 1 { example.clone() } else { binaries().join("fluid") };
-        let pairs = windows.entry("fluid").or_default();
-        let swapped = pairs.around(&station, CONTROL_TICKS, || swap_well(&station, "fluid", &fluid));
-        runs_example = if swapped { fluid == example } else { runs_example };
-        // One that has no spare and that the hand waits for: ramped to zero, and back. Judged apart.
-        let copy = copy(&station, "device", round);
-        device.around(&station, CONTROL_TICKS, || swap_well(&station, "device", &copy));
     }
-    device.heed_controls_of(&together(&windows));
-    device.judge_each("swaps of the device", DEVICE_TICKS, LEAST, &station);
-    judge("swaps", &windows, swaps(), &station);
+    costs.judge(&station);
     // Neither a restart of the supervisor nor one of the slot leads back to the old binary.
     kill_supervisor(&station);
     station.recover();

@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 
 /// Share of faults that may cost more than their controls and what they may, where a file says no other limit.
 pub const DEFAULT_LIMIT: f64 = 0.05;
+/// Share of faults that may be without a verdict, where a file says no other.
+pub(super) const MOST_VOID: f64 = 0.2;
 /// Longest pause between two faults that may be asked for, ticks: a minute.
 const MOST_GAP_TICKS: u64 = 60_000;
 /// Shortest: a fault's window and a control window fit in between; what a fault may do later is waited for beyond it.
@@ -158,7 +160,7 @@ fn default_limit() -> f64 {
 }
 
 fn default_void() -> f64 {
-    0.2
+    MOST_VOID
 }
 
 /// Reads and checks a campaign; the refusal says what cannot be, and how to write it.

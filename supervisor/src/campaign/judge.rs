@@ -13,6 +13,7 @@
 mod blame;
 mod figures;
 mod notice;
+pub mod pairs;
 mod shown;
 mod take;
 mod verdict;

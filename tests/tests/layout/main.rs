@@ -14,6 +14,8 @@ const OTHER_SHARED: [&str; 4] = ["hyst-scene", "hyst-engine", "hyst-recording", 
 const PROCESSES: [&str; 8] = ["device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder", "console"];
 const SIMULATION: [&str; 4] = ["hyst-tissue", "hyst-contact", "hyst-flow", "hyst-coupling"];
 const GRAPHICS: [&str; 2] = ["wgpu", "winit"];
+/// What the tests may name of the supervisor: how a campaign judges.
+const JUDGES: [&str; 2] = ["campaign::bounds::", "campaign::judge::"];
 /// What the top of the repository may hold, beside what git ignores.
 const TOP: [&str; 18] = [
     "Cargo.toml",
@@ -117,9 +119,19 @@ fn no_process_depends_on_a_process() {
         "Processes meet through messages alone. Move what both need into a crate under shared/.",
     );
     none(
-        edges(|name, _| name == "station-tests", |to| ["rendering", "recorder", "console", "hystation"].contains(&to)),
+        edges(|name, _| name == "station-tests", |to| ["rendering", "recorder", "console"].contains(&to)),
         "The tests see these as a user does: start their programs.",
     );
+}
+
+#[test]
+fn the_tests_name_of_the_supervisor_how_a_campaign_judges_and_nothing_else() {
+    let is_other = |rest: &str| !JUDGES.iter().any(|path| rest.starts_with(path));
+    let wrong = sources().into_iter().filter(|path| path.starts_with("tests/")).filter(|path| {
+        let code = source::code_of(&text_of(path));
+        code.split("hystation::").skip(1).any(is_other)
+    });
+    none(wrong.collect(), "The tests see the supervisor as a user does: start its program.");
 }
 
 #[test]

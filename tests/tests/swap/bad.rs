@@ -1,12 +1,15 @@
 //! Bad engines: each is rolled back for a cause that is its own, and the hand does not notice. As many swaps to them are made as `HYSTATION_BAD_SWAPS` says, one
-//! kind after the other and then from the beginning.
+//! kind after the other, of each role in turn, and then from the beginning.
 
-use super::{CONTROL_TICKS, LEAST, TRIES, judge, number_of, together};
+use super::costs::Costs;
+use super::{ROLES, TRIES, number_of};
 use station_tests::shown::not_shown;
 use station_tests::swapped::{assert_left_nobody, got_no_time, swap};
-use station_tests::windows::Pairs;
 use station_tests::{DEVICE_TICKS, Station, bad_engine};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Role, kind, causes, words.
+type Case = (&'static str, &'static str, &'static [&'static str], &'static str);
 
 const STANDS: &[&str] = &["hung", "missed", "late"];
 /// One that is tried in the old one's place may be missed by who reads it, or by who compares it, before it is known that it stands.
@@ -14,7 +17,7 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 45] = [
+const BAD: [Case; 45] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -88,15 +91,37 @@ const AS_THE_OTHERS: [(&str, &str); 21] = [
     ("device", "slow"),
 ];
 
+/// The same, one of each role in turn: a run that is cut off has been at every role.
+fn by_turns<'a>(cases: &[&'a Case]) -> Vec<&'a Case> {
+    let turn = |at: &usize| cases[..*at].iter().filter(|before| before.0 == cases[*at].0).count();
+    let mut order: Vec<usize> = (0..cases.len()).collect();
+    order.sort_by_key(turn);
+    order.into_iter().map(|at| cases[at]).collect()
+}
+
+#[test]
+fn of_the_kinds_each_comes_once_in_a_round_and_every_role_at_its_beginning() {
+    let order = by_turns(&BAD.iter().collect::<Vec<_>>());
+    let roles: BTreeSet<&str> = order.iter().take(ROLES.len()).map(|case| case.0).collect();
+    assert_eq!(roles, BTreeSet::from(ROLES), "{order:?}");
+    let kinds = |of: &[&Case]| of.iter().map(|case| (case.0, case.1)).collect::<BTreeSet<_>>();
+    assert_eq!((order.len(), kinds(&order).len()), (BAD.len(), BAD.len()), "each once");
+    let mut of_role = BTreeMap::<&str, Vec<&str>>::new();
+    order.iter().for_each(|case| of_role.entry(case.0).or_default().push(case.1));
+    assert_eq!(of_role["fluid"], ["stop", "slow", "garbage", "off", "frozen", "stuck"], "as they are listed");
+}
+
 #[test]
 fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
     let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
     // Of those that nobody has counted one of each kind: every role refuses in its own way, and dies as the others do.
     let asked = number_of("HYSTATION_BAD_SWAPS");
-    let is_another = |case: &&(&str, &str, &[&str], &str)| asked.is_some() || !AS_THE_OTHERS.contains(&(case.0, case.1));
-    let cases: Vec<_> = BAD.iter().filter(is_another).collect();
-    let (count, of_each) = (asked.unwrap_or(cases.len()), asked.unwrap_or(0) / BAD.len());
-    let (mut windows, mut device) = (BTreeMap::<&str, Pairs>::new(), Pairs::default());
+    let is_another = |case: &&Case| asked.is_some() || !AS_THE_OTHERS.contains(&(case.0, case.1));
+    let listed: Vec<&Case> = BAD.iter().filter(is_another).collect();
+    let cases = if asked.is_some() { by_turns(&listed) } else { listed };
+    let count = asked.unwrap_or(cases.len());
+    // A device is swapped to the bad one and back to the good one.
+    let mut costs = Costs::new("bad engines", 2.0 * DEVICE_TICKS, asked.is_some(), &station);
     for (role, kind, causes, words) in cases.into_iter().cycle().take(count).copied() {
         let path = bad_engine(station.folder(), role, kind);
         let before = station.processes(role)[0]["binary"].clone();
@@ -110,8 +135,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
             }
             tried
         };
-        let pairs = if role == "device" { &mut device } else { windows.entry(role).or_default() };
-        let (code, record, said) = pairs.around(&station, CONTROL_TICKS, tried);
+        let (code, record, said) = costs.around(role, &station, tried);
         assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
         let why = record["reason"].as_str().unwrap_or_default();
         println!("{role} {kind}: {} ({why})", record["cause"]);
@@ -125,10 +149,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
         assert_left_nobody(&path);
     }
-    device.heed_controls_of(&together(&windows));
-    // To the bad one and back to the good one.
-    device.judge_each("bad devices", 2.0 * DEVICE_TICKS, LEAST, &station);
-    judge("bad engines", &windows, of_each, &station);
+    costs.judge(&station);
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();

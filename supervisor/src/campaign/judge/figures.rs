@@ -156,7 +156,6 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     let (arm_name, judged) = (arm.name.clone(), arm.judged);
     let mut figures = Figures { arm: arm_name, name: name.into(), judged, planned, allowed_misses, ..Figures::default() };
     let mut sums = Sums::default();
-    let mut silent = Sides::default();
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.take_sequel(cell, outcome, known.blame);
@@ -168,26 +167,13 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
                 Taken::NoVerdict
             }
         };
-        match taken {
-            Taken::NoVerdict => figures.without_verdict += 1,
-            Taken::Stalled(with_void) => {
-                sums.late.add(with_void);
-                figures.without_verdict += 1;
-            }
-            Taken::Unnoticed(excess) => excess.into_iter().for_each(|excess| silent.add(excess)),
-            Taken::Excess { lost, beyond: [excess, with_void], is_alike } => {
-                sums.add(outcome.station, lost, [excess, with_void], is_alike);
-                figures.excess_misses.push(lost);
-                figures.beyond_misses.push(excess);
-            }
-        }
+        sums.take(outcome.station, taken, &mut figures);
     }
     let lists = [&mut figures.detected_ms, &mut figures.hang_ms, &mut figures.contained_ms, &mut figures.recovered_ms];
     for list in lists {
         list.sort_by(f64::total_cmp);
     }
     sums.close(&mut figures);
-    figures.excess_unnoticed = Some(silent.excess()).filter(|excess| excess.faults > 0);
     if figures.data_lost_ticks > 0 {
         figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
     }
@@ -197,17 +183,35 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
 /// Fewest stations by which the mean of what a fault costs beyond what it may is bounded.
 const LEAST_STATIONS: usize = 3;
 
-/// What the faults with a verdict add up to.
+/// What the faults add up to.
 #[derive(Default)]
-struct Sums {
+pub(super) struct Sums {
     missed: Sides,
     late: Sides,
     alike: Sides,
+    silent: Sides,
     /// By station: what each of its faults cost, and what beyond that which it may.
     stations: BTreeMap<usize, [Vec<i64>; 2]>,
 }
 
 impl Sums {
+    /// Adds what a fault in a station says, here and to the figures.
+    pub(super) fn take(&mut self, station: usize, taken: Taken, figures: &mut Figures) {
+        match taken {
+            Taken::NoVerdict => figures.without_verdict += 1,
+            Taken::Stalled(with_void) => {
+                self.late.add(with_void);
+                figures.without_verdict += 1;
+            }
+            Taken::Unnoticed(excess) => excess.into_iter().for_each(|excess| self.silent.add(excess)),
+            Taken::Excess { lost, beyond: [excess, with_void], is_alike } => {
+                self.add(station, lost, [excess, with_void], is_alike);
+                figures.excess_misses.push(lost);
+                figures.beyond_misses.push(excess);
+            }
+        }
+    }
+
     fn add(&mut self, station: usize, lost: i64, [excess, with_void]: [i64; 2], is_alike: bool) {
         self.missed.add(excess);
         self.late.add(with_void);
@@ -219,8 +223,10 @@ impl Sums {
         beyond.push(excess);
     }
 
-    fn close(self, figures: &mut Figures) {
+    /// Gives the figures their bounds.
+    pub(super) fn close(self, figures: &mut Figures) {
         figures.excess_with_void = Some(self.late.excess()).filter(|excess| excess.faults > 0);
+        figures.excess_unnoticed = Some(self.silent.excess()).filter(|excess| excess.faults > 0);
         let judged = figures.excess_misses.len();
         if judged == 0 {
             return;

@@ -141,16 +141,15 @@ impl Figures {
         }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known);
-        // With the void ticks both are of the same length.
-        let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
-        let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, cell.allowed_misses as i64)));
         let is_other = !shows || is_astray || has_no_first || is_beside || fault.control_early;
         self.astray += usize::from(is_astray);
-        match () {
-            () if is_other || !(window.is_whole() && control.is_whole()) => Taken::NoVerdict,
-            () if !was_noticed => Taken::Unnoticed(Some(beyond[0]).filter(|_| tells(&window) && tells(&control))),
-            () if !(tells(&window) && tells(&control)) => Taken::Stalled(beyond[1]),
-            () => Taken::Excess { lost, beyond, is_alike: !fault.control_unlike },
+        match compared(&window, &control, cell.allowed_misses) {
+            _ if is_other => Taken::NoVerdict,
+            Taken::NoVerdict => Taken::NoVerdict,
+            Taken::Excess { beyond, .. } if !was_noticed => Taken::Unnoticed(Some(beyond[0])),
+            _ if !was_noticed => Taken::Unnoticed(None),
+            Taken::Excess { lost, beyond, .. } => Taken::Excess { lost, beyond, is_alike: !fault.control_unlike },
+            stalled => stalled,
         }
     }
 
@@ -197,14 +196,19 @@ impl Figures {
         }
     }
 
-    /// Adds what its window and its control hold.
-    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, known: &Known) {
+    /// Adds the ticks of a window and its control.
+    pub(super) fn take_ticks(&mut self, window: &Window, control: &Window) {
         for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
             sums[0] += window.ticks;
             sums[1] += window.voided;
         }
         self.missed[0] += window.missed;
         self.missed[1] += control.missed;
+    }
+
+    /// Adds what its window and its control hold.
+    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, known: &Known) {
+        self.take_ticks(&window, &control);
         self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
         if fault.control_unlike {
             *self.seen.entry("control in another state").or_default() += 1;
@@ -237,6 +241,18 @@ fn is_beside(cell: &Cell, outcome: &Outcome, fault: &Fault) -> bool {
     });
     over_ns.is_some_and(|over_ns| fault.injected_ns > over_ns)
         || outcome.swap.as_ref().is_some_and(|swap| !swap.is_at(fault.injected_ns))
+}
+
+/// What a window says beside a control in the same state, of something that may cost so many ticks.
+pub(super) fn compared(window: &Window, control: &Window, allowed_misses: u64) -> Taken {
+    // With the void ticks both are of the same length.
+    let excess = [excess(window, control), window.late as i64 - control.late as i64];
+    let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, allowed_misses as i64)));
+    match () {
+        () if !(window.is_whole() && control.is_whole()) => Taken::NoVerdict,
+        () if !(tells(window) && tells(control)) => Taken::Stalled(beyond[1]),
+        () => Taken::Excess { lost, beyond, is_alike: true },
+    }
 }
 
 /// Misses beyond what a fault may cost; one that may cost some is not credited with those that it spared.

@@ -35,7 +35,7 @@ pub enum Unlike {
 }
 
 impl Unlike {
-    fn words(self, figures: &Figures) -> String {
+    pub(super) fn words(self, figures: &Figures) -> String {
         match self {
             Unlike::Stalls => "more void ticks are late in the faults' windows than in their controls".into(),
             Unlike::Controls => "the controls lose more than the windows with a fault: they are not alike".into(),
@@ -71,8 +71,20 @@ fn pool_limit(figures: &Figures, campaign: &Campaign) -> Option<f64> {
     campaign.pools.iter().find(|pool| cell.pool.as_ref() == Some(&pool.name)).map(|pool| pool.limit_upper95)
 }
 
-fn said(of: &str, excess: &Excess) -> String {
+pub(super) fn said(of: &str, excess: &Excess) -> String {
     format!("{of}: {:.4}, one-sided 95 % bounds {:.4} and {:.4}", excess.mean, excess.lower95, excess.upper95)
+}
+
+/// What the bounds of figures say of a limit, of whose faults such a share may be without a verdict.
+pub(super) fn by_limit(figures: &Figures, limit: f64, most_void: f64) -> Verdict {
+    let is_void = figures.without_verdict as f64 > most_void * figures.done() as f64;
+    let bounds = [figures.excess, figures.excess_with_void, figures.excess_unnoticed];
+    match figures.excess {
+        _ if bounds.iter().flatten().any(|excess| excess.lower95 > limit) => Verdict::Broken,
+        _ if is_void || !figures.unsure.is_empty() => Verdict::Unknown,
+        Some(excess) if excess.upper95 <= limit && unlike(figures, limit).is_none() => Verdict::Held,
+        _ => Verdict::Unknown,
+    }
 }
 
 /// Gives the verdict. What never may happen is judged in the cells, once.
@@ -88,9 +100,8 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     // What is only done from outside need not be noticed; that it was not is said, where what it cost is known of more faults than nothing is known of.
     let known = figures.excess_unnoticed.map_or(0, |excess| excess.faults);
     let is_silent = is_cell && figures.manifested == 0 && figures.without_verdict > 0 && figures.without_verdict >= known;
-    let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
     let is_half_judged = is_cell && done >= LEAST_DONE && 2 * figures.without_verdict > done;
-    figures.verdict = match (limit, figures.excess) {
+    figures.verdict = match limit {
         _ if !arm.judged => Verdict::Figures,
         _ if is_wrong => Verdict::Broken,
         _ if is_cell
@@ -99,14 +110,9 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
             Verdict::Broken
         }
         _ if is_silent || is_half_judged => Verdict::Unknown,
-        (None, _) if is_unsure => Verdict::Unknown,
-        (None, _) => Verdict::Figures,
-        (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
-        (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
-        (Some(limit), _) if figures.excess_unnoticed.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
-        _ if is_void || is_unsure => Verdict::Unknown,
-        (Some(limit), Some(excess)) if excess.upper95 <= limit && unlike(&figures, limit).is_none() => Verdict::Held,
-        _ => Verdict::Unknown,
+        None if is_unsure => Verdict::Unknown,
+        None => Verdict::Figures,
+        Some(limit) => by_limit(&figures, limit, campaign.most_void),
     };
     if let (Some(limit), Some(excess), true) =
         (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
