@@ -107,7 +107,7 @@ pub struct Figures {
     /// Other processes that died, or hung and were ended, each with the fault that was the last before it.
     pub collateral: Vec<String>,
     /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended, swap done, swap undone; and
-    /// for how many there was only a control in the other state, contact or none.
+    /// for how many there was only a control in the other state, contact or none. And how many waited in vain for their state, and were skipped.
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
@@ -164,7 +164,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
             (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
             (_, Ending::Open) => figures.take_open(cell, known, outcome),
             _ => {
-                figures.not_shown.push(outcome.index);
+                figures.take_undone(outcome);
                 Taken::NoVerdict
             }
         };
