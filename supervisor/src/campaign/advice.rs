@@ -76,6 +76,9 @@ fn cure(figures: &Figures) -> String {
     }
     let Some((excess, limit)) = figures.excess.zip(figures.limit_upper95) else {
         return match figures.not_shown.first() {
+            Some(fault) if figures.seen.contains_key("skipped") => format!(
+                "its state does not come: take a hand that brings it about for as long as the faults take; `--only {fault}` waits for it again"
+            ),
             Some(fault) => format!("`--only {fault}` does one of its faults again, and says why it does not come"),
             None => format!("its faults have no verdict: {ALONE}"),
         };
@@ -184,6 +187,10 @@ mod tests {
             (Figures { mean_beyond_misses_upper95: Some(0.05), ..undecided(Some(many)) }, "too few of its faults have a verdict"),
             (undecided(Some(many)), "too few of its faults have a verdict"),
             (Figures { unsure: vec!["fault 3: no canary ran".into()], ..undecided(Some(many)) }, "grant real time"),
+            (
+                Figures { seen: [("skipped", 1)].into(), not_shown: vec![7], ..undecided(None) },
+                "take a hand that brings it about",
+            ),
             (Figures { not_shown, ..undecided(None) }, "`--only 7`"),
         ] {
             let judgement = judgement(3, vec![], vec![figures]);

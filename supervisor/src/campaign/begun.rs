@@ -50,7 +50,7 @@ pub fn told_of_cut(cut: &[Outcome]) -> Option<String> {
 
 /// Parts outcomes by whether their stations have ended.
 pub fn part(outcomes: Vec<Outcome>, stations: &[StationOutcome]) -> Parted {
-    let of_station = |station: &StationOutcome| station.faults.iter().map(|index| (station.run, *index)).collect::<Vec<_>>();
+    let of_station = |station: &StationOutcome| station.through().map(|index| (station.run, index)).collect::<Vec<_>>();
     let ended: BTreeSet<(usize, usize)> = stations.iter().flat_map(of_station).collect();
     let ended_in_any: BTreeSet<usize> = ended.iter().map(|(_, index)| *index).collect();
     let is_of_ended = |outcome: &Outcome| outcome.run.is_some_and(|run| ended.contains(&(run, outcome.index)));
@@ -122,6 +122,14 @@ mod tests {
         assert_eq!((numbers(&parted.through), parted.cut.len()), (vec![(2, Some(1))], 0));
         let text = serde_json::to_string(&old(0)).unwrap();
         assert!(!text.contains("\"run\"") && serde_json::from_str::<Outcome>(&text).is_ok_and(|read| read == old(0)));
+    }
+
+    #[test]
+    fn a_fault_that_was_skipped_is_through_with_its_station_which_did_not_suffer_it() {
+        let plan = plan();
+        let station = StationOutcome { skipped: vec![1], ..ended(0, &[0], None) };
+        let parted = part([0, 1, 2].map(|index| outcome(&plan, index, Some(0))).into(), &[station]);
+        assert_eq!((numbers(&parted.through), numbers(&parted.cut)), (vec![(0, Some(0)), (1, Some(0))], vec![(2, Some(0))]));
     }
 
     fn folder(name: &str) -> PathBuf {

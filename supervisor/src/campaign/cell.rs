@@ -2,6 +2,7 @@
 //! refused with the reason.
 
 mod companion;
+mod listed;
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
@@ -9,6 +10,7 @@ use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Keepers, Place, Targ
 use crate::{plan, policy};
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role, Slot};
+pub(super) use listed::names;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 

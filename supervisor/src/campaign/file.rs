@@ -12,7 +12,7 @@ use crate::settings::{Refusal, check_set};
 use hyst_scene::bounded;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Share of faults that may cost more than their controls and what they may, where a file says no other limit.
@@ -200,13 +200,16 @@ pub fn parse(name: &str, text: &str) -> Result<Campaign, String> {
     let file: File = toml::from_str(text).map_err(|e| e.to_string())?;
     check(&file)?;
     let arms = if file.arm.is_empty() { vec![default_arm()] } else { file.arm };
-    for arm in &arms {
-        check_arm(arm, &arms)?;
-    }
-    let mut cells = Vec::new();
+    cell::names("[[arm]] name", arms.iter().map(|arm| &arm.name))?;
+    arms.iter().try_for_each(check_arm)?;
+    let (mut cells, mut faults): (Vec<Cell>, usize) = (Vec::new(), 0);
     for (index, group) in file.cell.into_iter().enumerate() {
-        let made = group.cells(file.limit_upper95, &file.pool).map_err(|reason| format!("cell {}: {reason}", index + 1))?;
-        cells.extend(made);
+        let refuse = |reason: String| format!("cell {}: {reason}", index + 1);
+        faults = faults.saturating_add(group.faults(&arms).map_err(refuse)?);
+        if faults > MOST_FAULTS {
+            return Err(refuse(format!("{faults} faults with those before it, at most {MOST_FAULTS} are allowed")));
+        }
+        cells.extend(group.cells(file.limit_upper95, &file.pool).map_err(refuse)?);
     }
     let campaign = Campaign {
         name: name.to_string(),
@@ -222,23 +225,20 @@ pub fn parse(name: &str, text: &str) -> Result<Campaign, String> {
         text: text.to_string(),
     };
     for cell in &campaign.cells {
-        if let Some(arm) = cell.arms.iter().find(|arm| !campaign.arms.iter().any(|known| known.name == **arm)) {
-            return Err(format!("cell {}: arm {arm:?}: there is no [[arm]] of this name", cell.name));
-        }
         for arm in campaign.arms.iter().filter(|arm| arm.count(cell) > 0) {
             cell.check_in(arm, &campaign).map_err(|reason| format!("cell {}: {reason}", cell.name))?;
         }
     }
-    for (index, cell) in campaign.cells.iter().enumerate() {
-        if campaign.cells[..index].iter().any(|other| other.name == cell.name) {
-            return Err(format!("cell {:?} is there twice; give its counts in one", cell.name));
-        }
+    if let Some(cell) = twice(&campaign.cells) {
+        return Err(format!("cell {:?} is there twice; give its counts in one", cell.name));
     }
-    match campaign.faults() {
-        0 => Err("it injects nothing; add a [[cell]] with kinds, targets and a count".into()),
-        count if count > MOST_FAULTS => Err(format!("{count} faults, at most {MOST_FAULTS} are allowed")),
-        _ => Ok(campaign),
-    }
+    (faults > 0).then_some(campaign).ok_or_else(|| "it injects nothing; add a [[cell]] with kinds, targets and a count".into())
+}
+
+/// The first whose name another before it has.
+fn twice(cells: &[Cell]) -> Option<&Cell> {
+    let mut seen = BTreeSet::new();
+    cells.iter().find(|cell| !seen.insert(&cell.name))
 }
 
 fn default_arm() -> Arm {
@@ -260,10 +260,11 @@ fn check(file: &File) -> Result<(), String> {
         return Err(format!("most_void = {}: a share between 0 and 1", file.most_void));
     }
     cell::check_limit(file.limit_upper95)?;
-    for (index, pool) in file.pool.iter().enumerate() {
+    cell::names("[[pool]] name", file.pool.iter().map(|pool| &pool.name))?;
+    for pool in &file.pool {
         cell::check_limit(pool.limit_upper95).map_err(|reason| format!("pool {:?}: {reason}", pool.name))?;
-        if pool.name.is_empty() || file.pool[..index].iter().any(|other| other.name == pool.name) {
-            return Err(format!("pool {:?}: each has a name of its own", pool.name));
+        if pool.name.is_empty() {
+            return Err("pool \"\": each has a name of its own".into());
         }
     }
     check_sets(&file.station.set)
@@ -273,9 +274,9 @@ fn check_sets(set: &BTreeMap<String, String>) -> Result<(), String> {
     set.iter().try_for_each(|(key, value)| check_set(key, value).map_err(|refusal| refusal.message))
 }
 
-fn check_arm(arm: &Arm, all: &[Arm]) -> Result<(), String> {
-    if arm.name.is_empty() || all.iter().filter(|other| other.name == arm.name).count() > 1 {
-        return Err(format!("arm {:?}: each has a name of its own", arm.name));
+fn check_arm(arm: &Arm) -> Result<(), String> {
+    if arm.name.is_empty() {
+        return Err("arm \"\": each has a name of its own".into());
     }
     if !(arm.share > 0.0 && arm.share <= 1.0) {
         return Err(format!("arm {:?}: share = {}: above 0, at most 1", arm.name, arm.share));
@@ -292,9 +293,11 @@ impl Campaign {
     /// Limits that cannot be shown, in words: of too few faults, even if none of them costs anything. One of 0 or less is meant to fail.
     pub fn cannot_show(&self) -> Vec<String> {
         let mut found = Vec::new();
+        let mut least_of = BTreeMap::new(); // by the bits of a limit: most cells have the same, and it is not found at once
         for arm in self.arms.iter().filter(|arm| arm.judged) {
             let mut look = |name: &str, limit: Option<f64>, faults: usize| {
-                let least = limit.and_then(least_faults).filter(|least| (1..*least).contains(&faults));
+                let least = limit.and_then(|limit| *least_of.entry(limit.to_bits()).or_insert_with(|| least_faults(limit)));
+                let least = least.filter(|least| (1..*least).contains(&faults));
                 if let Some((limit, least)) = limit.zip(least) {
                     found.push(format!(
                         "arm {}, {name}: {faults} faults cannot show a limit of {limit}, {least} can; give it a larger count or limit, or a pool",
@@ -375,11 +378,12 @@ impl Campaign {
 impl Arm {
     /// Faults of a cell in this arm: at least one, if it is in this arm.
     pub fn count(&self, cell: &Cell) -> usize {
-        let is_in = cell.arms.is_empty() || cell.arms.contains(&self.name);
-        if !is_in {
-            return 0;
-        }
-        (cell.count as f64 * self.share).ceil() as usize
+        self.count_among(&cell.arms, cell.count)
+    }
+    /// The same of one of so many that is in these arms; in all if none is named.
+    pub(super) fn count_among(&self, arms: &[String], count: usize) -> usize {
+        let is_in = arms.is_empty() || arms.contains(&self.name);
+        if is_in { (count as f64 * self.share).ceil() as usize } else { 0 }
     }
 }
 

@@ -82,7 +82,7 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
         ("kinds = [\"stop\"]", "kinds = [\"kill\"]", "takes no duration"),
         ("share = 0.1", "share = 0.0", "share"),
         ("spares = \"off\"", "spares = \"of\"", "on or off"),
-        ("name = \"alone\"", "name = \"spares\"", "of its own"),
+        ("name = \"alone\"", "name = \"spares\"", "twice"),
         ("seed = 4", "gap_ticks = [10, 20]", "gap_ticks"),
         ("seed = 4", "most_void = 2.0", "most_void"),
         ("seed = 4", "faults_per_station = 0", "faults_per_station"),

@@ -123,6 +123,37 @@ fn few_faults_that_each_cost_many_ticks_hold_nothing_and_as_few_that_cost_one_do
     }
 }
 
+/// Of four stations that lost as much as each other the mean was bounded by itself, whatever a fifth might lose.
+#[test]
+fn of_few_stations_that_are_alike_the_mean_is_bounded_by_their_faults() {
+    let judgement = judged(|cell, at, outcome| {
+        outcome.station = at % 4;
+        if cell == "kill haptic:active" && at % 51 == 7 {
+            missed(outcome, 4, 0); // one in each
+        }
+    });
+    let pool = &judgement.pools[0];
+    assert!(pool.mean_beyond_misses() <= 0.1 && pool.excess.unwrap().upper95 <= 0.1, "{pool:?}");
+    assert!(pool.mean_beyond_misses_upper95.unwrap() > 0.12 && pool.verdict == Verdict::Unknown, "{pool:?}");
+}
+
+/// It stood there that with 95 % less than 0.00 ticks are lost, of as few faults as there were.
+#[test]
+fn where_no_fault_lost_a_tick_that_is_said_in_place_of_a_bound() {
+    let reports = |in_window: u64, in_control: u64| {
+        let judgement = judged(|_, at, outcome| {
+            if at == 3 {
+                missed(outcome, in_window, in_control);
+            }
+        });
+        assert_eq!(judgement.pools[0].mean_excess_misses_upper95 > Some(0.0), in_window > 0, "{:?}", judgement.pools[0]);
+        [text(&judgement), html::html(&judgement, &[], &[]), junit::junit(&judgement)]
+    };
+    assert!(reports(0, 0).iter().all(|report| report.contains("0.000 none lost")));
+    assert!(reports(0, 1).iter().all(|report| report.contains("-0.010 none lost")), "they lost fewer than their controls");
+    assert!(reports(1, 0).iter().all(|report| !report.contains("none lost")));
+}
+
 #[test]
 fn what_faults_cost_within_what_they_may_is_in_no_mean_that_is_judged_and_what_is_beyond_it_is() {
     let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 0.1\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"device\"]\ncount = 100\npool = \"all\"\n";

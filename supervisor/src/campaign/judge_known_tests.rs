@@ -21,7 +21,7 @@ fn what_a_fault_may_cost_is_in_its_mean_and_not_in_its_bound() {
     assert_eq!((both.excess_misses.clone(), both.beyond_misses.clone()), (vec![92; 4], vec![0; 4]));
     let said = text::text(&judgement);
     let row: Vec<&str> = said.lines().find(|line| line.starts_with("kill haptic:both")).unwrap().split_whitespace().collect();
-    assert!(row.windows(2).any(|pair| pair == ["92.000", "300"]), "{said}");
+    assert!(row.windows(2).any(|pair| pair == ["92.000<92.00", "300"]), "{said}");
     window(&mut outcomes, "kill haptic:both", 0).missed = 321;
     let judgement = figures(&outcomes);
     assert_eq!((judgement.cells[0].verdict, judgement.exit_code), (Verdict::Broken, 1), "a limit that can fail");
@@ -69,6 +69,34 @@ fn a_second_fault_whose_first_did_not_show_has_no_verdict_and_is_named() {
     assert_eq!((figures.excess.unwrap().faults, figures.without_verdict, figures.first_not_shown.clone()), (2, 1, vec![1]));
     let line = "the first fault did not show, and the second has no verdict: fault 1";
     assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
+}
+
+/// Each of them took a minute, and nothing said for what.
+#[test]
+fn faults_that_waited_in_vain_or_were_skipped_have_no_verdict_and_are_told() {
+    let cell = |target: &str, more: &str| format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"{target}\"]\ncount = 4\n{more}");
+    let cells =
+        "most_void = 1.0\nlimit_upper95 = 1.0\n".to_string() + &cell("fluid", "") + &cell("console", "states = [\"contact\"]\n");
+    let (campaign, plan, mut outcomes) = setup(&cells);
+    for number in 0..4 {
+        let absent = of(&mut outcomes, "kill console in contact", number);
+        (absent.fault, absent.ending) = (None, if number < 2 { Ending::NoState } else { Ending::Skipped });
+    }
+    let (skipped, suffered): (Vec<&Outcome>, Vec<&Outcome>) = outcomes.iter().partition(|it| it.ending == Ending::Skipped);
+    let [skipped, faults] = [skipped, suffered].map(|these| these.iter().map(|it| it.index).collect::<Vec<usize>>());
+    let station = StationOutcome { faults, skipped, ..station(&campaign) };
+    let judged = |station: &StationOutcome| judge(&campaign, &plan, &outcomes, std::slice::from_ref(station), None);
+    let judgement = judged(&station);
+    let [fluid, console] = [0, 1].map(|index| &judgement.cells[index]);
+    assert_eq!((fluid.verdict, console.verdict, judgement.exit_code), (Verdict::Held, Verdict::Unknown, 3));
+    assert_eq!((console.injected, console.without_verdict, console.not_shown.len()), (0, 4, 4));
+    assert_eq!((console.seen["no state"], console.seen["skipped"]), (2, 2));
+    let said = text::text(&judgement);
+    assert!(said.contains("no state 2, skipped 2") && said.contains("take a hand that brings it about"), "{said}");
+    // One that ended before it had suffered anything is no broken promise, whatever was skipped.
+    let trouble = "the station was not whole".to_string();
+    let unhurt = judged(&StationOutcome { faults: vec![], trouble, ..station });
+    assert_eq!((unhurt.exit_code, unhurt.broken.len()), (3, 0), "{:?}", unhurt.broken);
 }
 
 /// Of 36 kills of the servo that was alone 20 had no verdict, for the other's successor was warm: each of them cost the hand ticks, for that was in its shadow.

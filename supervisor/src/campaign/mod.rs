@@ -5,6 +5,7 @@
 //! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
 //! before its batch was through (Ctrl-C, stations that do not come up, a disk that takes no results).
 
+mod absent;
 mod advice;
 mod begun;
 pub mod bounds;

@@ -18,6 +18,8 @@ pub enum Ending {
     Refused,
     /// The station was not in the wanted state in time.
     NoState,
+    /// It was not tried: faults of its cell before it had waited for their state in vain.
+    Skipped,
 }
 
 /// What tissue and fluid say of themselves at a time.

@@ -2,6 +2,7 @@
 //! one in a swap after the same stage of it, so many ticks later, and at that phase; one in a hand-over so many ticks after that is seen. Judged as in its
 //! campaign, but for the bounds, of which one fault says nothing: a tick that it lost is as often the host's, and breaks no promise.
 
+use super::absent::Absent;
 use super::cell::{Cell, State};
 use super::draw::Entry;
 use super::file::Campaign;
@@ -28,10 +29,11 @@ impl Runner<'_> {
         let entry = again(drawn, store.outcomes.iter().find(|outcome| outcome.index == index));
         let files = store.folder().join(format!("only-{index}-run"));
         let mut found = None;
-        let station = self.lap(&[&entry], index, &files, &mut |outcome| {
+        let mut take = |outcome: Outcome| -> Result<(), Refusal> {
             found = Some(outcome);
             Ok(())
-        })?;
+        };
+        let station = self.lap(&[&entry], index, &files, &mut take, &mut Absent::default())?; // whatever came of others of its cell
         let cell = self.campaign.cell(&entry.cell);
         let (Some(outcome), Some(cell)) = (found, cell) else {
             let why = if station.trouble.is_empty() { "interrupted" } else { &station.trouble };

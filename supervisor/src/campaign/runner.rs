@@ -1,9 +1,10 @@
 //! The faults of a plan, one after another: stations are started for them, hurt, stopped, and what came of both is handed on.
 
+use super::absent::Absent;
 use super::draw::{Entry, FIRST_TICK, Plan};
 use super::file::{Arm, Campaign};
 use super::origin::Origin;
-use super::outcome::Outcome;
+use super::outcome::{Ending, Outcome};
 use super::session::{Session, Trouble};
 use super::station::StationOutcome;
 use super::store::Store;
@@ -33,6 +34,7 @@ impl Runner<'_> {
         let open: Vec<&Entry> = self.plan.faults.iter().filter(|entry| !store.has(entry.index)).take(batch).collect();
         let mut at = 0;
         let mut failed = 0;
+        let mut absent = Absent::of(&store.outcomes);
         while at < open.len() && failed < MOST_FAILED_STATIONS && !self.interrupted.load(Ordering::Relaxed) {
             let number = open[at].station;
             let lap: Vec<&Entry> = open[at..].iter().copied().take_while(|entry| entry.station == number).collect();
@@ -42,9 +44,9 @@ impl Runner<'_> {
             let run = store.begin(number, &origin)?;
             let files = store.files(run);
             let mut take = |outcome: Outcome| store.add(Outcome { run: Some(run), ..outcome });
-            let mut station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut take)?;
+            let mut station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut take, &mut absent)?;
             station.origin = Some(origin);
-            let through = station.faults.len();
+            let through = station.through().count();
             store.add_station(station)?;
             failed = if through == 0 { failed + 1 } else { 0 };
             at += through;
@@ -69,6 +71,7 @@ impl Runner<'_> {
         run: usize,
         files: &Path,
         take: &mut dyn FnMut(Outcome) -> Result<(), Refusal>,
+        absent: &mut Absent,
     ) -> Result<StationOutcome, Refusal> {
         let Some(first) = entries.first() else { return Ok(StationOutcome::default()) };
         let (arm, blind) = (first.arm.clone(), !fit::has_canaries(self.campaign, self.arm_of(first)));
@@ -81,7 +84,7 @@ impl Runner<'_> {
                 match session.await_whole() {
                     Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
                     Err(error) => (trouble, station.never_whole) = (Some(error), true),
-                    Ok(()) => (trouble, cut_ns) = self.hurt_all(&mut session, entries, &mut station, take)?,
+                    Ok(()) => (trouble, cut_ns) = self.hurt_all(&mut session, entries, &mut station, take, absent)?,
                 }
                 let ended = session.stop();
                 (station.exit_code, station.leftovers) = (ended.exit_code, ended.leftovers);
@@ -105,23 +108,33 @@ impl Runner<'_> {
         Ok(station)
     }
 
-    /// Injects the faults one after another and hands on what came of each; gives what kept the station from going on, and since when the fault was under
-    /// way that was cut off by it, ns.
-    fn hurt_all(
+    /// Injects the faults one after another, but for those whose state does not come, and hands on what came of each; gives what kept the station from going on,
+    /// and since when the fault was under way that was cut off by it, ns.
+    pub(super) fn hurt_all(
         &self,
         session: &mut Session,
         entries: &[&Entry],
         station: &mut StationOutcome,
         take: &mut dyn FnMut(Outcome) -> Result<(), Refusal>,
+        absent: &mut Absent,
     ) -> Result<(Option<Trouble>, u64), Refusal> {
         for entry in entries {
             let begun_ns = system::now_ns();
-            let (outcome, ended) = match self.hurt(session, entry) {
-                Ok(found) => found,
-                Err(error) => return Ok((Some(error), begun_ns)),
+            let (outcome, ended) = match absent.why_skipped(entry, station.run) {
+                Some(reason) => {
+                    station.skipped.push(entry.index);
+                    (self.as_planned(Outcome { ending: Ending::Skipped, reason, ..Outcome::of(entry) }), None)
+                }
+                None => match self.hurt(session, entry) {
+                    Ok(found) => {
+                        station.faults.push(entry.index);
+                        found
+                    }
+                    Err(error) => return Ok((Some(error), begun_ns)),
+                },
             };
+            absent.note(&outcome, Some(station.run));
             say(self.json, &format!("{}\n", text::line(&outcome, self.plan.faults.len())));
-            station.faults.push(entry.index);
             take(outcome)?;
             if ended.is_some() {
                 return Ok((ended, u64::MAX));

@@ -326,6 +326,9 @@ pub(super) fn command(
 }
 
 #[cfg(test)]
+mod skipped_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::campaign::{draw, file};
@@ -336,7 +339,7 @@ mod tests {
     use std::time::Duration;
 
     /// A session with a station of which nothing lives but a process that does nothing.
-    fn session(station: &Station) -> Session {
+    pub(super) fn session(station: &Station) -> Session {
         let mut command = Command::new("sleep");
         command.arg("600");
         Session {

@@ -28,6 +28,9 @@ pub struct StationOutcome {
     pub arm: String,
     /// Faults that it suffered, by their numbers.
     pub faults: Vec<usize>,
+    /// Faults that were to come in it and were skipped, by their numbers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skipped: Vec<usize>,
     /// Exit code of `hystation run`; none if it had to be killed. A 1 is no verdict here: it is what a run says of its own faults, which the campaign judges by
     /// their cells.
     pub exit_code: Option<i32>,
@@ -108,6 +111,11 @@ impl StationOutcome {
         (self.given_up, self.promises_broken) = (words("given_up"), words(BROKEN));
         let left = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
         self.leftovers = self.leftovers.max(left);
+    }
+
+    /// The faults that are through with it: those that it suffered, and those that were skipped.
+    pub fn through(&self) -> impl Iterator<Item = usize> {
+        self.faults.iter().chain(&self.skipped).copied()
     }
 
     /// Whether its recording is worth keeping.

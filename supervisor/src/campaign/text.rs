@@ -70,9 +70,13 @@ pub fn times(list: &[f64]) -> String {
     }
 }
 
-/// The mean of the excess misses with its bound; a dash of none.
+/// The mean of the excess misses with its bound, which there is not where no fault lost any; a dash of none.
 pub fn mean(figures: &Figures, below: &str) -> String {
-    let bound = figures.mean_excess_misses_upper95.map_or(String::new(), |bound| format!("{below}{bound:.2}"));
+    let bound = match figures.mean_excess_misses_upper95 {
+        Some(_) if figures.lost_none() => " none lost".into(),
+        Some(bound) => format!("{below}{bound:.2}"),
+        None => String::new(),
+    };
     figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}{bound}"))
 }
 
@@ -99,7 +103,7 @@ fn row(figures: &Figures) -> String {
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(
-        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>13} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>16} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
         figures.name,
         figures.injected,
         figures.planned,
@@ -244,7 +248,7 @@ pub fn text(judgement: &Judgement) -> String {
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>13} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>16} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
             "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",

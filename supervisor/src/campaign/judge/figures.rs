@@ -87,10 +87,11 @@ pub struct Figures {
     pub allowed_misses: u64,
     /// The mean of the excess misses: one stall of the host that falls into a window weighs there as much as it is long.
     pub mean_excess_misses: Option<f64>,
-    /// Below this it lies with some 95 %, station by station.
+    /// Below this it lies with some 95 %, station by station, and of fewer than ten fault by fault if that is more; 0 if no fault cost more than its control, and
+    /// then no bound.
     #[serde(default)]
     pub mean_excess_misses_upper95: Option<f64>,
-    /// The same of the mean of [`Figures::beyond_misses`], of fewer than three stations fault by fault: a limit that it does not keep is not held.
+    /// The same of the mean of [`Figures::beyond_misses`]: a limit that it does not keep is not held.
     #[serde(default)]
     pub mean_beyond_misses_upper95: Option<f64>,
     /// Ticks right after the windows of the judged faults, in which no control lies, and how many of them missed their force.
@@ -107,7 +108,7 @@ pub struct Figures {
     /// Other processes that died, or hung and were ended, each with the fault that was the last before it.
     pub collateral: Vec<String>,
     /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended, swap done, swap undone; and
-    /// for how many there was only a control in the other state, contact or none.
+    /// for how many there was only a control in the other state, contact or none. And how many waited in vain for their state, and were skipped.
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
@@ -163,7 +164,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
             (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
             (_, Ending::Open) => figures.take_open(cell, known, outcome),
             _ => {
-                figures.not_shown.push(outcome.index);
+                figures.take_undone(outcome);
                 Taken::NoVerdict
             }
         };
@@ -180,10 +181,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     figures
 }
 
-/// Fewest stations by which the mean of what a fault costs beyond what it may is bounded.
-const LEAST_STATIONS: usize = 3;
-
-/// What the faults add up to.
+/// What the faults with a verdict add up to.
 #[derive(Default)]
 pub(super) struct Sums {
     missed: Sides,
@@ -239,14 +237,7 @@ impl Sums {
         figures.together_in = together(&spread).and_then(|at| self.stations.keys().nth(at).copied());
         let (costs, beyond): (Vec<Vec<i64>>, Vec<Vec<i64>>) =
             self.stations.into_values().map(|[costs, beyond]| (costs, beyond)).unzip();
-        figures.mean_excess_misses_upper95 = mean_upper95(&costs);
-        // What two stations differ by says nothing of a third: their faults are drawn one by one, as the bound of their share takes them.
-        let units: Vec<Vec<i64>> = if beyond.len() < LEAST_STATIONS {
-            beyond.into_iter().flatten().map(|excess| vec![excess]).collect()
-        } else {
-            beyond
-        };
-        figures.mean_beyond_misses_upper95 = mean_upper95(&units);
+        (figures.mean_excess_misses_upper95, figures.mean_beyond_misses_upper95) = (mean_upper95(&costs), mean_upper95(&beyond));
     }
 }
 
@@ -254,6 +245,11 @@ impl Figures {
     /// Faults that are through.
     pub(super) fn done(&self) -> usize {
         self.without_verdict + self.excess_misses.len() + self.unnoticed.len()
+    }
+
+    /// Whether there are faults with a verdict, and none of them missed more than its control.
+    pub fn lost_none(&self) -> bool {
+        !self.excess_misses.is_empty() && self.excess_misses.iter().all(|excess| *excess <= 0)
     }
 
     /// The mean of [`Figures::beyond_misses`]; 0 of none.

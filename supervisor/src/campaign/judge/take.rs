@@ -4,7 +4,7 @@ use super::blame::{Blame, end_of};
 use super::figures::{Figures, Known, touches};
 use super::notice::{Unfound, unfound};
 use crate::campaign::cell::{Cell, May, State};
-use crate::campaign::outcome::Outcome;
+use crate::campaign::outcome::{Ending, Outcome};
 use crate::fault::compare::{excess, tells};
 use crate::fault::{Fault, most_step_n};
 use crate::ledger::Window;
@@ -56,6 +56,16 @@ impl Figures {
         self.data_lost_ticks = self.data_lost_ticks.saturating_add(blame.lost_ticks(index));
         self.leftovers += blame.leftovers(index);
         self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
+    }
+
+    /// Adds a fault that was not done.
+    pub(super) fn take_undone(&mut self, outcome: &Outcome) {
+        self.not_shown.push(outcome.index);
+        match outcome.ending {
+            Ending::NoState => *self.seen.entry("no state").or_default() += 1,
+            Ending::Skipped => *self.seen.entry("skipped").or_default() += 1,
+            Ending::Closed | Ending::Open | Ending::Refused => {}
+        }
     }
 
     /// Adds a fault that was injected and that nobody closed: the station came to its end over it, or it has no end.
