@@ -226,11 +226,17 @@ pub fn segfault(process: u32) -> bool {
     sent
 }
 
+/// Resident memory, MiB: all of it, and what of it others may have, too (files, and what is in `/dev/shm`).
+pub fn resident_and_shared_mib(process: u32) -> Option<[f64; 2]> {
+    let text = std::fs::read_to_string(format!("/proc/{process}/statm")).ok()?;
+    let mut pages = text.split_whitespace().skip(1).map_while(|field| field.parse::<f64>().ok());
+    let mib = rustix::param::page_size() as f64 / (1024.0 * 1024.0);
+    Some([pages.next()? * mib, pages.next()? * mib])
+}
+
 /// Resident memory, MiB.
 pub fn resident_mib(process: u32) -> Option<f64> {
-    let text = std::fs::read_to_string(format!("/proc/{process}/statm")).ok()?;
-    let pages: f64 = text.split_whitespace().nth(1)?.parse().ok()?;
-    Some(pages * rustix::param::page_size() as f64 / (1024.0 * 1024.0))
+    resident_and_shared_mib(process).map(|[resident_mib, _]| resident_mib)
 }
 
 /// Open files of a process.
@@ -267,6 +273,10 @@ mod tests {
         let me = std::process::id();
         assert!(threads(me).contains(&(me as i32)));
         assert!(resident_mib(me).unwrap() > 0.5 && processor_s(me).unwrap() >= 0.0);
+        let own_mib = || resident_and_shared_mib(me).map(|[resident_mib, shared_mib]| resident_mib - shared_mib).unwrap();
+        let before_mib = own_mib();
+        let taken = std::hint::black_box(vec![1u8; 256 << 20]);
+        assert!(own_mib() - before_mib > 200.0, "{} MiB are its own", taken.len() >> 20);
         let station = Station::named(&format!("t{me}-nobody")).unwrap();
         assert_eq!(of_station(&station), Vec::<u32>::new());
         assert!(!signal(0, Signal::KILL) && pid(u32::MAX).is_none());

@@ -58,9 +58,11 @@ impl Supervisor {
         if pid == 0 || dead || !self.policy.is_ready(slot) {
             return;
         }
-        let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
+        let Some(([resident_mib, shared_mib], files)) = proc::resident_and_shared_mib(pid).zip(proc::open_files(pid)) else {
+            return;
+        };
         let incarnation = self.viewer.page().incarnation(slot);
-        let used = Use { resident_mib: resident_mib as u64, files };
+        let used = Use { own_mib: (resident_mib - shared_mib).max(0.0) as u64, shared_mib: shared_mib as u64, files };
         let grown = self.accounts.growth.sample(slot, incarnation, used);
         if let Some(text) = grown.as_ref().filter(|_| slot.role() == Role::Hardware) {
             // It stands for a thing outside of the station, which nobody here replaces.
