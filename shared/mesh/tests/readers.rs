@@ -73,6 +73,15 @@ fn gmsh_4_0_whose_nodes_carry_their_tags() {
     expect("a.msh", file, [6, 6]);
 }
 
+/// Without a word each volume was a region of its own, and a `tag` of a scene chose by the volume's number.
+#[test]
+fn gmsh_4_0_with_a_point_and_two_volumes_of_which_one_is_in_a_physical_group() {
+    let file = "$MeshFormat\n4 0 8\n$EndMeshFormat\n$Entities\n1 0 0 2\n1 0 0 0 0 0 0 1 7\n5 0 0 0 1 1 1 2 11 12 1 3\n\
+                6 0 0 0 1 1 1 0 0\n$EndEntities\n$Nodes\n1 5\n5 3 0 5\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n$EndNodes\n\
+                $Elements\n2 2\n5 3 4 1\n1 1 2 3 4\n6 3 4 1\n2 2 3 4 5\n$EndElements\n";
+    expect("a.msh", file, [11, 6]);
+}
+
 const VTK_HEAD: &str = "# vtk DataFile Version 3.0\nPOINTS in the title\nASCII\nDATASET UNSTRUCTURED_GRID\n\
                         FIELD FieldData 1\nt 1 1 double\n0.5\nPOINTS 5 float\n0 0 0 1 0 0\n0 1 0\n0 0 1 1 1 1\n";
 
