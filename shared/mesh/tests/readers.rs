@@ -103,6 +103,15 @@ fn vtk_legacy_5_1_with_offsets() {
     expect("a.vtk", &file, [0, 0]);
 }
 
+/// Quadratic, Lagrange's and Bézier's: of each the corners come first.
+#[test]
+fn vtk_tets_of_higher_order_give_their_corners() {
+    for kind in [24, 71, 78] {
+        let file = format!("{VTK_HEAD}CELLS 3 20\n10 0 1 2 3 4 4 4 4 4 4\n3 0 1 2\n4 1 2 3 4\nCELL_TYPES 3\n{kind} 5 10\n");
+        expect("a.vtk", &file, [0, 0]);
+    }
+}
+
 #[test]
 fn vtk_legacy_surface_with_a_quad() {
     let file = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 double\n0 0 0 1 0 0 1 1 0 0 1 0\nPOLYGONS 1 5\n4 0 1 2 3\n";
@@ -179,6 +188,15 @@ fn tetgen_counted_from_0_and_from_1() {
     }
     assert_eq!(companion_name("a/b.ele").as_deref(), Some("a/b.node"));
     assert_eq!(companion_name("a/b.vtk"), None);
+}
+
+/// The region is behind the nodes in the middle of the edges.
+#[test]
+fn tetgen_with_ten_nodes_per_tet_gives_the_corners_and_the_region() {
+    let node: String = POSITIONS_M.iter().zip(1..).map(|([x, y, z], tag)| format!("{tag} {x} {y} {z}\n")).collect();
+    let ele = "2 10 1\n1 1 2 3 4 5 5 5 5 5 5 7\n2 2 3 4 5 1 1 1 1 1 1 8\n";
+    let mesh = read_tetgen(format!("5 3 0 0\n{node}").as_bytes(), ele.as_bytes()).unwrap();
+    assert_eq!((mesh.tets.as_slice(), mesh.regions.as_slice()), (&TETS[..], &[7, 8][..]));
 }
 
 #[test]
