@@ -118,6 +118,7 @@ fn judge(mesh: TetMesh, bytes: usize) {
     if let Ok(repaired) = repair(mesh) {
         let after = check(&repaired.mesh);
         assert!(after.inverted.is_empty() && after.duplicate.is_empty() && after.unused_nodes.is_empty());
+        assert_eq!((after.crowded_faces, after.open_edges), (0, 0));
     }
 }
 
