@@ -29,8 +29,8 @@ const MMHG_PA: f32 = PA_PER_MMHG as f32;
 pub struct Closing {
     /// The closed shape, of a cavity that has one.
     slit: Option<Slit>,
-    /// The organ that has it, by its number, and of how many tets it is.
-    organ: (u32, usize),
+    /// The organ that has it, by its number, and of how many tets and nodes it is.
+    organ: (u32, [usize; 2]),
     /// Pressure from which on the walls are apart, Pa.
     parting_pa: f32,
     /// What is said of it.
@@ -43,9 +43,10 @@ impl Closing {
         let parting_pa = (scene.fluid.cavity.parting_pa as f32).min(scene.fluid.rest_pressure_pa);
         let is_hollow_organ = |object: &hyst_scene::LoadedDeformable| object.hollow && object.kind == DeformableKind::Organ;
         let Some(organ) = scene.objects.iter().position(is_hollow_organ) else {
-            return Closing { slit: None, organ: (0, 0), parting_pa, notes: Vec::new() };
+            return Closing { slit: None, organ: (0, [0; 2]), parting_pa, notes: Vec::new() };
         };
-        let number = (organ as u32, scene.objects[organ].mesh.tets.len());
+        let mesh = &scene.objects[organ].mesh;
+        let number = (organ as u32, [mesh.tets.len(), mesh.positions_m.len()]);
         let below = format!("{}: below {:.0} mmHg its cavity", scene.objects[organ].name, parting_pa / MMHG_PA);
         match Slit::of(scene, organ) {
             Ok(slit) => {
@@ -56,19 +57,26 @@ impl Closing {
         }
     }
 
-    /// Whether a body's organ has the tets of the scene: a stroke that cuts it makes more of them, or takes some. The forces that lead a cut wall to its closed
-    /// shape meet tets of every form, and a wall that is cut through has no such shape.
+    /// Whether a body's organ has as many tets and nodes as in the scene: a stroke that cuts it makes more tets, or takes some, and where there is no room for
+    /// tets it parts what is there, which makes nodes alone. The forces that lead a cut wall to its closed shape meet tets of every form, and a wall that is cut
+    /// through has no such shape.
     pub fn is_whole(&self, body: &Body) -> bool {
-        self.tets_of_organ(body) == self.organ.1
+        self.size_of_organ(body) == self.organ.1
     }
 
     /// Goes by what has the organ's number in the scene's body: of a mesh that hangs apart that is a part of it.
     pub fn know(&mut self, body: &Body) {
-        self.organ.1 = self.organ.1.min(self.tets_of_organ(body));
+        self.organ.1 = self.organ.1.min(self.size_of_organ(body));
     }
 
-    fn tets_of_organ(&self, body: &Body) -> usize {
-        body.rest.regions.iter().filter(|region| **region == self.organ.0).count()
+    /// Tets and nodes of the organ.
+    fn size_of_organ(&self, body: &Body) -> [usize; 2] {
+        let (mut tets, mut is_used) = (0, vec![false; body.rest.positions_m.len()]);
+        for (tet, _) in body.rest.tets.iter().zip(&body.rest.regions).filter(|(_, object)| **object == self.organ.0) {
+            tets += 1;
+            tet.iter().for_each(|node| is_used[*node as usize] = true);
+        }
+        [tets, is_used.into_iter().filter(|is_used| *is_used).count()]
     }
 
     /// What is said of it, one sentence each.

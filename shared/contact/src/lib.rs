@@ -13,12 +13,13 @@
 //!    with [`find_gaps`] for the wall that the tool is about to meet.
 //!
 //! Papers: Teschner et al., VMV 2003 (spatial hashing, barycentric test); Heidelberger et al., VMV 2004 (consistent penetration
-//! depth); Möller and Trumbore 1997 (segment against triangle); Verlet 1967 (neighbour list); Newman and Sproull 1973 (outcodes,
-//! of Cohen and Sutherland).
+//! depth); Möller and Trumbore 1997 (segment against triangle); Platis and Theoharis 2003 (line against flat tetrahedron); Verlet
+//! 1967 (neighbour list); Newman and Sproull 1973 (outcodes, of Cohen and Sutherland).
 
 mod brute;
 mod cull;
 mod error;
+mod flat;
 mod force;
 mod graph;
 mod hash;

@@ -2,13 +2,18 @@
 //!
 //! The cost is the number of tets on the way; no search structure has to be kept up with the deformation.
 
+use crate::flat::Flat;
 use crate::tet::TetTest;
 use crate::topology::{FACES, NONE, Topology};
 use crate::types::Tissue;
 use glam::Vec3;
 
-/// Tets on one way, at most: more than across any organ of 10 k tets; ends a walk that goes round in folded tissue.
-const MAX_STEPS: usize = 192;
+/// Tets on one way through a mesh of so many, at most. Along the diagonal of a cube it meets some six times their cube root, and of a body that is ten times as
+/// long as wide three times as many. Ends a walk that goes round in folded tissue.
+fn most_steps(tets: usize) -> usize {
+    const LEAST: usize = 192;
+    LEAST.max(3 * tets.isqrt())
+}
 
 /// A crossing of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +28,7 @@ pub struct Exit {
 
 /// Walks from `from`, inside tet `start`, towards `to`, and gives the first crossing of the surface on the way.
 ///
-/// `None` if the way ends inside, or is lost in a flat tet. `normal` is the outward normal of a node, of any length.
+/// `None` if the way ends inside, begins in a flat tet, or goes round. `normal` is the outward normal of a node, of any length.
 pub(crate) fn exit_along(
     tissue: &Tissue<'_>,
     topology: &Topology,
@@ -32,16 +37,29 @@ pub(crate) fn exit_along(
     (from, to): (Vec3, Vec3),
 ) -> Option<Exit> {
     let (mut tet, mut entry, mut reached) = (start, NONE, 0f32);
-    for _ in 0..MAX_STEPS {
-        let test = TetTest::new(&tissue.corners(tet))?;
-        let neighbours = topology.neighbours.get(tet as usize)?;
+    for _ in 0..most_steps(tissue.tets.len()) {
+        let (corners, neighbours) = (tissue.corners(tet), topology.neighbours.get(tet as usize)?);
+        let came_in = |face: usize| entry != NONE && neighbours[face] == entry;
+        let Some(test) = TetTest::new(&corners) else {
+            let flat = Flat { corners: &corners, at: from.lerp(to, reached), way: to - from };
+            let face = flat.way_out(came_in).filter(|_| entry != NONE)?;
+            reached = reached.max(reached + flat.beyond(face));
+            if reached > 1.0 {
+                return None;
+            }
+            if neighbours[face] == NONE {
+                let on_face = (flat.outward(face), flat.weights(face));
+                return crossing(tissue, normal, on_face, (tet, face), from.lerp(to, reached));
+            }
+            (entry, tet) = (tet, neighbours[face]);
+            continue;
+        };
         let (at_from, at_to) = (test.weights_at(from.to_array()), test.weights_at(to.to_array()));
         let mut best: Option<(f32, usize)> = None;
         for face in 0..4 {
             let fall = at_from[face] - at_to[face];
-            let came_in = entry != NONE && neighbours[face] == entry;
             let s = at_from[face] / fall;
-            if fall > 0.0 && !came_in && best.is_none_or(|(least, _)| s < least) {
+            if fall > 0.0 && !came_in(face) && best.is_none_or(|(least, _)| s < least) {
                 best = Some((s, face));
             }
         }
@@ -51,30 +69,31 @@ pub(crate) fn exit_along(
             return None;
         }
         if neighbours[face] == NONE {
-            return crossing(tissue, normal, &test, (tet, face), from.lerp(to, reached));
+            let point_m = from.lerp(to, reached);
+            let on_face = (-Vec3::from_array(test.gradient(face)), test.weights_at(point_m.to_array()));
+            return crossing(tissue, normal, on_face, (tet, face), point_m);
         }
         (entry, tet) = (tet, neighbours[face]);
     }
     None
 }
 
-/// Whether a straight way from a point in a tet along a unit vector leaves the part that the tet belongs to within so many metres; not if it is lost in a flat
-/// tet. What lies in or before that part, of the same object or of another one, is not looked at.
+/// Whether a straight way from a point in a tet along a unit vector leaves the part that the tet belongs to within so many metres; not if the tet is flat. What
+/// lies in or before that part, of the same object or of another one, is not looked at.
 pub fn leads_out(tissue: &Tissue<'_>, topology: &Topology, tet: u32, (from_m, along, most_m): ([f32; 3], [f32; 3], f32)) -> bool {
     let (from, along) = (Vec3::from_array(from_m), Vec3::from_array(along));
     exit_along(tissue, topology, |_| Vec3::ZERO, tet, (from, from + most_m * along)).is_some()
 }
 
-/// The normal at a crossing.
+/// The normal at a crossing, where the tet's corners have these weights and its face this normal, outward and of any length.
 fn crossing(
     tissue: &Tissue<'_>,
     mut normal: impl FnMut(u32) -> Vec3,
-    test: &TetTest,
+    (outward, weights): (Vec3, [f32; 4]),
     (tet, face): (u32, usize),
     point_m: Vec3,
 ) -> Option<Exit> {
-    let flat = (-Vec3::from_array(test.gradient(face))).try_normalize()?;
-    let weights = test.weights_at(point_m.to_array());
+    let flat = outward.try_normalize()?;
     let nodes = tissue.tets.get(tet as usize)?;
     let mut of_node = |c: usize| normal(nodes[c]).normalize_or_zero();
     let smooth: Vec3 = FACES[face].iter().map(|&c| of_node(c) * weights[c].clamp(0.0, 1.0)).sum();

@@ -1,6 +1,6 @@
 //! Parts that touch without common nodes, as the pieces of a `.vtu`, or volumes that Gmsh has meshed one by one: where a boundary face of one lies on one of
 //! the other, the nodes there become one, and the two faces one within the tissue. And tets that are there twice, as in a file to which a part was exported
-//! again with nodes of its own.
+//! again with nodes of its own, or that lie in others.
 //!
 //! Promise: parts that meet in a point, along an edge, or with faces of another form stay apart, and so do those that lie in each other; faces of one part that
 //! lie on each other, as the two sides of a slit, stay two. The same mesh gives the same nodes.
@@ -23,7 +23,7 @@ pub(crate) fn merged(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> (Vec<u32>, 
     if component_count(&part_of_tet) > 1 {
         let faces = boundary_faces(tets, &places(positions_m, tets));
         let part = |face: &Placed| part_of_tet[face.2 / 4];
-        let is_above = |face: &Placed| is_above(positions_m, tets, face);
+        let is_above = |face: &Placed| is_above(positions_m, tets, face.1, face.2);
         for same in faces.chunk_by(|one, other| one.0 == other.0) {
             // Where there are more, tets lie in each other, and nobody knows which of them belong together.
             let [one, other] = same else { continue };
@@ -59,6 +59,34 @@ pub(crate) fn duplicate_tets(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec
     duplicates
 }
 
+/// Of some of the tets those that lie in others: of more than two at a face the first on each side of it counts, and stays. What is left has two at a face at
+/// most, so that its boundary has no open edge: each tet has two faces at an edge of its own, and so an even number of them is outside.
+pub(crate) fn overlapping_tets(positions_m: &[[f32; 3]], tets: &[[u32; 4]], is_some: &[bool]) -> Vec<u32> {
+    // What fills nothing is on neither side of a face.
+    let is_solid = |(tet, is_some): (&[u32; 4], &bool)| *is_some && !is_without_volume(corners(positions_m, *tet));
+    let is_solid: Vec<bool> = tets.iter().zip(is_some).map(is_solid).collect();
+    let mut faces = sorted_faces(tets);
+    faces.retain(|(_, origin)| is_solid[origin / 4]);
+    let crowded: Vec<_> = faces.chunk_by(|one, other| one.0 == other.0).filter(|same| same.len() > 2).collect();
+    // For each of these faces of a tet the tet, the number of the face, and the side.
+    let mut sides: Vec<(usize, usize, bool)> = Vec::new();
+    for (number, same) in crowded.iter().enumerate() {
+        let side = |(nodes, origin): &([u32; 3], usize)| (origin / 4, number, is_above(positions_m, tets, *nodes, *origin));
+        sides.extend(same.iter().map(side));
+    }
+    sides.sort_unstable();
+    let mut is_taken = vec![[false; 2]; crowded.len()];
+    let mut overlapping = Vec::new();
+    for of_tet in sides.chunk_by(|one, other| one.0 == other.0) {
+        if of_tet.iter().any(|(_, face, is_above)| is_taken[*face][usize::from(*is_above)]) {
+            overlapping.push(of_tet[0].0 as u32);
+        } else {
+            of_tet.iter().for_each(|(_, face, is_above)| is_taken[*face][usize::from(*is_above)] = true);
+        }
+    }
+    overlapping
+}
+
 /// The place of each node, by the first node that is there. Each of the tets has a volume; without any all nodes are at one place.
 fn places(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec<u32> {
     let lengths_m = tets.iter().flat_map(|tet| edges(corners(positions_m, *tet))).map(|edge| edge.length());
@@ -88,9 +116,9 @@ fn boundary_faces(tets: &[[u32; 4]], place_of: &[u32]) -> Vec<Placed> {
     faces
 }
 
-/// On which side of a face its tet lies, seen by the order of its places: whichever way round the tet is.
-fn is_above(positions_m: &[[f32; 3]], tets: &[[u32; 4]], (_, [a, b, c], origin): &Placed) -> bool {
+/// On which side of a face its tet lies, seen by the order of these nodes: whichever way round the tet is.
+fn is_above(positions_m: &[[f32; 3]], tets: &[[u32; 4]], [a, b, c]: [u32; 3], origin: usize) -> bool {
     // A face lies opposite to the corner of its number.
     let apex = tets[origin / 4][origin % 4];
-    signed_volume(corners(positions_m, [*a, *b, *c, apex])) > 0.0
+    signed_volume(corners(positions_m, [a, b, c, apex])) > 0.0
 }

@@ -1,14 +1,20 @@
 //! Makes a tet mesh fit for a simulation, and says what it did.
 //!
 //! After a repair: every tet has a positive volume that is more than rounding, and enough for its size that a model can be made of it ([`crate::is_too_flat`]);
-//! no two tets have their nodes at the same places, every node is used, and parts that touch with whole faces have their nodes there in common ([`merged`]).
+//! no two tets have their nodes at the same places, no face has more than two tets, so that the boundary has no open edge ([`overlapping_tets`]), every node is
+//! used, and parts that touch with whole faces have their nodes there in common ([`merged`]).
 //! Flat tets with a real volume stay: taking one out would tear a slit into the tissue. They are reported.
 
 use crate::check::{FLAT_QUALITY, unused_nodes};
 use crate::geometry::{corners, count, is_without_volume, quality, signed_volume};
-use crate::merge::{duplicate_tets, merged};
+use crate::merge::{duplicate_tets, merged, overlapping_tets};
 use crate::types::TetMesh;
 use std::fmt;
+
+/// Up to so many tets that lie in others are dropped, or one of so many of all: a mesher's slip. With more of them whole parts lie in each other, and nobody
+/// knows which of these are the organ.
+const FEW_OVERLAPPING: usize = 8;
+const OVERLAPPING_OF: usize = 100;
 
 /// One thing that a repair did, or left for a reason. `to_string` makes a sentence of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +37,13 @@ pub enum Repair {
     },
     /// Tets with the nodes of an earlier tet, or with nodes of their own at the same places, were dropped.
     DroppedDuplicates {
+        /// How many.
+        tets: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
+    /// Tets that lay in earlier ones, on the same side of a face of more than two, were dropped.
+    DroppedOverlapping {
         /// How many.
         tets: usize,
         /// The first of them in the file's order, from 0.
@@ -77,6 +90,11 @@ impl fmt::Display for Repair {
             Repair::DroppedDuplicates { tets, first } => {
                 write!(out, "dropped {} with the nodes of an earlier one (first: tet {first})", count(*tets, "tet"))
             }
+            Repair::DroppedOverlapping { tets, first } => write!(
+                out,
+                "dropped {} on that side of a face on which an earlier one lies (first: tet {first}): tets lay in each other",
+                count(*tets, "tet")
+            ),
             Repair::DroppedFlat { tets, first } => {
                 write!(out, "dropped {} without a volume that a model could use (first: tet {first})", count(*tets, "tet"))
             }
@@ -136,6 +154,19 @@ pub enum RepairError {
         /// How many nodes there are.
         nodes: usize,
     },
+    /// Too many tets lie in others.
+    #[error(
+        "of {of} tets {tets} lie in others: they are on that side of a face on which an earlier one is (first: tet {first}); parts of \
+         the mesh overlap: leave one of each two out, or unite them before they are meshed, and export again"
+    )]
+    Overlapping {
+        /// How many do.
+        tets: usize,
+        /// Of how many in all.
+        of: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
     /// No tet has a volume.
     #[error(
         "all {tets} tets are flat, so nothing is left; the file may be a surface or its coordinates may have lost a dimension"
@@ -146,8 +177,8 @@ pub enum RepairError {
     },
 }
 
-/// Repairs a mesh: drops duplicates, merges the nodes of parts that touch with whole faces, drops tets without volume and nodes without tets, flips inverted
-/// tets, and keeps the order of the rest.
+/// Repairs a mesh: drops duplicates, merges the nodes of parts that touch with whole faces, drops the few tets that lie in others, tets without volume and nodes
+/// without tets, flips inverted tets, and keeps the order of the rest.
 ///
 /// # Errors
 /// A [`RepairError`] for what no repair can cure.
@@ -164,6 +195,7 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
         repairs.push(Repair::DroppedDuplicates { tets: duplicates.len(), first });
     }
     let node_of = merge_touching(&positions_m, &mut tets, &keep, &mut repairs);
+    drop_overlapping(&positions_m, &tets, &mut keep, &mut repairs)?;
     drop_flat(&positions_m, &tets, &mut keep, &mut repairs);
     let left = keep.iter().filter(|&&keep| keep).count();
     if left == 0 {
@@ -233,6 +265,22 @@ fn merge_touching(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], keep: &[bool]
         tets.as_flattened_mut().iter_mut().for_each(|node| *node = node_of[*node as usize]);
     }
     node_of
+}
+
+fn drop_overlapping(
+    positions_m: &[[f32; 3]],
+    tets: &[[u32; 4]],
+    keep: &mut [bool],
+    repairs: &mut Vec<Repair>,
+) -> Result<(), RepairError> {
+    let overlapping = overlapping_tets(positions_m, tets, keep);
+    let Some(&first) = overlapping.first() else { return Ok(()) };
+    if overlapping.len() > FEW_OVERLAPPING.max(tets.len() / OVERLAPPING_OF) {
+        return Err(RepairError::Overlapping { tets: overlapping.len(), of: tets.len(), first });
+    }
+    overlapping.iter().for_each(|&tet| keep[tet as usize] = false);
+    repairs.push(Repair::DroppedOverlapping { tets: overlapping.len(), first });
+    Ok(())
 }
 
 fn drop_flat(positions_m: &[[f32; 3]], tets: &[[u32; 4]], keep: &mut [bool], repairs: &mut Vec<Repair>) {

@@ -204,6 +204,33 @@ fn two_regions_that_would_become_one_are_told_but_for_the_two_ways_round_of_one_
     assert_eq!(read_tets("a.msh", gmsh.as_bytes()).map(|mesh| mesh.regions), Ok(vec![3, 3]));
 }
 
+/// Two volumes of Gmsh 4, of which the first is in the physical group 2 and the second in none.
+const GROUP_2_AND_VOLUME_2: &str = "$Entities\n0 0 0 2\n1 0 0 0 1 1 1 1 2 0\n2 0 0 0 1 1 1 0 0\n$EndEntities\n";
+
+/// Without a word they were one region, as where all was saved and not all was in a group.
+#[test]
+fn a_volume_in_no_group_with_the_number_of_a_group_is_told() {
+    let two = GOOD.replace("\n1\n1 4 2 0 1 1 2 3 4", "\n2\n1 4 2 2 1 1 2 3 4\n2 4 2 0 2 1 2 3 4");
+    let of_40 = format!(
+        "$MeshFormat\n4 0 8\n$EndMeshFormat\n{GROUP_2_AND_VOLUME_2}$Nodes\n1 4\n1 3 0 4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n\
+         $EndNodes\n$Elements\n2 2\n1 3 4 1\n1 1 2 3 4\n2 3 4 1\n2 1 2 3 4\n$EndElements\n"
+    );
+    let of_41 = format!(
+        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{GROUP_2_AND_VOLUME_2}$Nodes\n1 4 1 4\n3 1 0 4\n1\n2\n3\n4\n\
+         0 0 0\n1 0 0\n0 1 0\n0 0 1\n$EndNodes\n$Elements\n2 2 1 2\n3 1 4 1\n1 1 2 3 4\n3 2 4 1\n2 1 2 3 4\n$EndElements\n"
+    );
+    for (file, line) in [(two.as_str(), 14), (of_40.as_str(), 22), (of_41.as_str(), 26)] {
+        let told = error("a.msh", file.as_bytes());
+        assert_eq!((told.kind, told.place), (Kind::BadNumber, Place::Line(line)), "{told}");
+        assert!(told.found.contains("2 and volume 2") && told.cure.contains("physical group"), "{told}");
+    }
+    // With another number it is another region.
+    let [of_40, of_41] = [of_40, of_41].map(|file| file.replace("\n1 0 0 0 1 1 1 1 2 0\n", "\n1 0 0 0 1 1 1 1 3 0\n"));
+    for file in [two.replace(" 2 2 1 1 2 3 4", " 2 3 1 1 2 3 4"), of_40, of_41] {
+        assert_eq!(read_tets("a.msh", file.as_bytes()).map(|mesh| mesh.regions), Ok(vec![3, 2]));
+    }
+}
+
 #[test]
 fn a_fault_of_a_tetgen_pair_names_the_file() {
     let error = read_tetgen(b"4 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n", b"1 4 0\n1 1 2 3 4\n").expect_err("a point is missing");

@@ -142,6 +142,21 @@ fn a_binary_file_is_the_same_mesh_as_one_of_text() {
 }
 
 #[test]
+fn a_binary_volume_in_no_group_with_the_number_of_a_group_is_told() {
+    for mut parts in [version_4_1(), version_2_2()] {
+        for part in &mut parts {
+            match part {
+                Ints(ints) if ints[..] == [11, 12] => *ints = &[2, 12],
+                Ints(ints) if ints.len() == 17 => *ints = &[4, 2, 2, 2, 2, 1, 90, 12, 30, 4, 3, 0, 2, 12, 30, 4, 7],
+                _ => {}
+            }
+        }
+        let told = read_tets("a.msh", &file(&parts, false)).unwrap_err();
+        assert!(told.kind == ReadErrorKind::BadNumber && told.found.contains("2 and volume 2"), "{told}");
+    }
+}
+
+#[test]
 fn a_binary_surface_is_read_too() {
     let parts = [
         Text("# vtk DataFile Version 3.0\nt\nBINARY\nDATASET POLYDATA\nPOINTS 5 double\n"),

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 /// One good file for each form of each format.
-const FILES: [(&str, &str); 10] = [
+const FILES: [(&str, &str); 11] = [
     ("1.msh", "$NOD\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$ENDNOD\n$ELM\n2\n1 4 1 1 4 1 2 3 4\n2 2 1 1 3 1 2 3\n$ENDELM\n"),
     (
         "2.msh",
@@ -33,6 +33,10 @@ const FILES: [(&str, &str); 10] = [
         "# vtk DataFile Version 5.1\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 2 4\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY vtktypeint64\n0 1 2 3\nCELL_TYPES 1\n10\n",
     ),
     (
+        "c.vtk",
+        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n0 0 0 1 0 0 0 1 0 0 0 1 1 1 1\nCELLS 3 17\n5 0 1 2 3 4\n5 1 2 3 4 0\n4 0 1 2 4\nCELL_TYPES 3\n24 71 78\n",
+    ),
+    (
         "a.vtu",
         "<VTKFile type=\"UnstructuredGrid\" byte_order=\"LittleEndian\"><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><Points><DataArray type=\"Int8\" format=\"binary\">DAAAAAAAAAEAAAABAAAAAQ==</DataArray></Points><Cells><DataArray Name=\"connectivity\">0 1 2 3</DataArray><DataArray Name=\"offsets\">4</DataArray><DataArray Name=\"types\">10</DataArray></Cells></Piece></VTKFile>",
     ),
@@ -53,7 +57,8 @@ const SURFACES: [(&str, &str); 2] = [
     ),
 ];
 const NODE: &str = "4 3 0 1\n0 0 0 0 1\n1 1 0 0 1\n2 0 1 0 1\n3 0 0 1 1\n";
-const ELE: &str = "1 4 1\n0 0 1 2 3 5\n";
+/// The corners of a tet alone, and with the nodes in the middle of its edges.
+const ELES: [&str; 2] = ["1 4 1\n0 0 1 2 3 5\n", "1 10 1\n0 0 1 2 3 0 1 2 3 0 1 5\n"];
 
 /// What a number or a word is replaced by.
 const NASTY: [&str; 28] = [
@@ -113,6 +118,7 @@ fn judge(mesh: TetMesh, bytes: usize) {
     if let Ok(repaired) = repair(mesh) {
         let after = check(&repaired.mesh);
         assert!(after.inverted.is_empty() && after.duplicate.is_empty() && after.unused_nodes.is_empty());
+        assert_eq!((after.crowded_faces, after.open_edges), (0, 0));
     }
 }
 
@@ -124,7 +130,9 @@ fn the_files_to_be_spoiled_are_good() {
     for (name, file) in SURFACES {
         read_triangles(name, file.as_bytes()).unwrap_or_else(|error| panic!("{name}: {error}"));
     }
-    read_tetgen(NODE.as_bytes(), ELE.as_bytes()).unwrap();
+    for ele in ELES {
+        assert_eq!(read_tetgen(NODE.as_bytes(), ele.as_bytes()).unwrap().regions, [5]);
+    }
 }
 
 #[test]
@@ -132,8 +140,14 @@ fn a_cut_at_any_byte_is_survived() {
     for (name, file) in FILES.iter().chain(&SURFACES) {
         (0..file.len()).for_each(|cut| read_anything(name, &file.as_bytes()[..cut]));
     }
-    (0..NODE.len())
-        .for_each(|cut| assert!(read_tetgen(&NODE.as_bytes()[..cut], ELE.as_bytes()).is_err() || cut + 3 >= NODE.len()));
+    for ele in ELES {
+        for cut in 0..NODE.len() {
+            assert!(read_tetgen(&NODE.as_bytes()[..cut], ele.as_bytes()).is_err() || cut + 3 >= NODE.len());
+        }
+        for cut in 0..ele.len() {
+            assert!(read_tetgen(NODE.as_bytes(), &ele.as_bytes()[..cut]).is_err() || cut + 1 >= ele.len());
+        }
+    }
 }
 
 #[test]
@@ -164,7 +178,7 @@ proptest! {
         let (name, file) = FILES.iter().chain(&SURFACES).nth(which).unwrap();
         let bytes = [&file.as_bytes()[..head.min(file.len())], tail.as_slice()].concat();
         read_anything(name, &bytes);
-        let _ = read_tetgen(&bytes, ELE.as_bytes());
+        let _ = read_tetgen(&bytes, ELES[which % ELES.len()].as_bytes());
     }
 
     #[test]
@@ -186,9 +200,11 @@ proptest! {
     }
 
     #[test]
-    fn a_spoiled_tetgen_pair_is_survived(node_spot in any::<usize>(), ele_spot in any::<usize>(), by in 0..NASTY.len(), which in 0..3) {
+    fn a_spoiled_tetgen_pair_is_survived(
+        node_spot in any::<usize>(), ele_spot in any::<usize>(), by in 0..NASTY.len(), which in 0..3, of in 0..ELES.len(),
+    ) {
         let node = if which != 1 { replaced(NODE, node_spot, NASTY[by]) } else { NODE.into() };
-        let ele = if which != 0 { replaced(ELE, ele_spot, NASTY[by]) } else { ELE.into() };
+        let ele = if which != 0 { replaced(ELES[of], ele_spot, NASTY[by]) } else { ELES[of].into() };
         if let Ok(mesh) = read_tetgen(node.as_bytes(), ele.as_bytes()) {
             judge(mesh, node.len() + ele.len());
         }

@@ -73,6 +73,15 @@ fn gmsh_4_0_whose_nodes_carry_their_tags() {
     expect("a.msh", file, [6, 6]);
 }
 
+/// Without a word each volume was a region of its own, and a `tag` of a scene chose by the volume's number.
+#[test]
+fn gmsh_4_0_with_a_point_and_two_volumes_of_which_one_is_in_a_physical_group() {
+    let file = "$MeshFormat\n4 0 8\n$EndMeshFormat\n$Entities\n1 0 0 2\n1 0 0 0 0 0 0 1 7\n5 0 0 0 1 1 1 2 11 12 1 3\n\
+                6 0 0 0 1 1 1 0 0\n$EndEntities\n$Nodes\n1 5\n5 3 0 5\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n$EndNodes\n\
+                $Elements\n2 2\n5 3 4 1\n1 1 2 3 4\n6 3 4 1\n2 2 3 4 5\n$EndElements\n";
+    expect("a.msh", file, [11, 6]);
+}
+
 const VTK_HEAD: &str = "# vtk DataFile Version 3.0\nPOINTS in the title\nASCII\nDATASET UNSTRUCTURED_GRID\n\
                         FIELD FieldData 1\nt 1 1 double\n0.5\nPOINTS 5 float\n0 0 0 1 0 0\n0 1 0\n0 0 1 1 1 1\n";
 
@@ -92,6 +101,15 @@ fn vtk_legacy_5_1_with_offsets() {
          0 1 2 3 1 2 3 4\nCELL_TYPES 2\n10\n10\n"
     );
     expect("a.vtk", &file, [0, 0]);
+}
+
+/// Quadratic, Lagrange's and Bézier's: of each the corners come first.
+#[test]
+fn vtk_tets_of_higher_order_give_their_corners() {
+    for kind in [24, 71, 78] {
+        let file = format!("{VTK_HEAD}CELLS 3 20\n10 0 1 2 3 4 4 4 4 4 4\n3 0 1 2\n4 1 2 3 4\nCELL_TYPES 3\n{kind} 5 10\n");
+        expect("a.vtk", &file, [0, 0]);
+    }
 }
 
 #[test]
@@ -170,6 +188,15 @@ fn tetgen_counted_from_0_and_from_1() {
     }
     assert_eq!(companion_name("a/b.ele").as_deref(), Some("a/b.node"));
     assert_eq!(companion_name("a/b.vtk"), None);
+}
+
+/// The region is behind the nodes in the middle of the edges.
+#[test]
+fn tetgen_with_ten_nodes_per_tet_gives_the_corners_and_the_region() {
+    let node: String = POSITIONS_M.iter().zip(1..).map(|([x, y, z], tag)| format!("{tag} {x} {y} {z}\n")).collect();
+    let ele = "2 10 1\n1 1 2 3 4 5 5 5 5 5 5 7\n2 2 3 4 5 1 1 1 1 1 1 8\n";
+    let mesh = read_tetgen(format!("5 3 0 0\n{node}").as_bytes(), ele.as_bytes()).unwrap();
+    assert_eq!((mesh.tets.as_slice(), mesh.regions.as_slice()), (&TETS[..], &[7, 8][..]));
 }
 
 #[test]

@@ -173,6 +173,53 @@ fn a_face_of_three_tets_is_crowded_and_leaves_the_boundary_open() {
     assert_eq!((report.open_edges, report.non_manifold_edges), (0, 3)); // each edge of that face has three
 }
 
+/// A tet on each side of a face, one beside them that closes the way round the face's first edge, and one that lies in the first.
+fn overlapping() -> TetMesh {
+    let positions_m = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0.2, -0.5, 1.], [0.2, -0.5, -1.], [0.1, 0.1, 2.]];
+    mesh(&positions_m, &[[0, 1, 2, 3], [0, 2, 1, 4], [0, 3, 1, 4], [0, 1, 2, 5]])
+}
+
+#[test]
+fn a_tet_that_lies_in_an_earlier_one_is_dropped_and_closes_the_boundary() {
+    let open = overlapping();
+    assert_eq!((check(&open).crowded_faces, check(&open).open_edges), (1, 1));
+    let repaired = repair(open.clone()).unwrap();
+    let said = "dropped 1 tet on that side of a face on which an earlier one lies (first: tet 3): tets lay in each other";
+    assert_eq!(repaired.repairs[0], Repair::DroppedOverlapping { tets: 1, first: 3 });
+    assert_eq!(repaired.repairs[0].to_string(), said);
+    assert_eq!(repaired.tet_map, [Some(0), Some(1), Some(2), None]);
+    assert!(check(&repaired.mesh).is_sound(), "{}", check(&repaired.mesh));
+    // Whichever comes first, it is a tet on the same side that goes, and never the only one on the other.
+    for turn in 1..4 {
+        let mut turned = open.clone();
+        turned.tets.rotate_left(turn);
+        let repaired = repair(turned.clone()).unwrap();
+        let is_left = |tet: [u32; 4]| repaired.tet_map[turned.tets.iter().position(|other| *other == tet).unwrap()].is_some();
+        assert!(is_left([0, 2, 1, 4]) && is_left([0, 1, 2, 3]) != is_left([0, 1, 2, 5]), "{turn}: {:?}", repaired.repairs);
+        let found = check(&repaired.mesh);
+        assert_eq!((found.tets, found.crowded_faces, found.open_edges), (3, 0, 0), "{turn}");
+    }
+}
+
+#[test]
+fn a_mesh_of_which_many_tets_lie_in_others_is_refused() {
+    let many = |count: u32| {
+        let mut all = TetMesh::default();
+        for at in 0..count {
+            let one = overlapping();
+            all.positions_m.extend(one.positions_m.iter().map(|[x, y, z]| [x + 3.0 * at as f32, *y, *z]));
+            all.tets.extend(one.tets.iter().map(|tet| tet.map(|node| node + 6 * at)));
+            all.regions.extend(one.regions);
+        }
+        all
+    };
+    assert_eq!(repair(many(8)).unwrap().repairs[0], Repair::DroppedOverlapping { tets: 8, first: 3 });
+    let refused = repair(many(9)).unwrap_err();
+    assert_eq!(refused, RepairError::Overlapping { tets: 9, of: 36, first: 3 });
+    assert!(refused.to_string().starts_with("of 36 tets 9 lie in others"), "{refused}");
+    assert!(refused.to_string().contains("export again") && !refused.to_string().contains('\n'), "{refused}");
+}
+
 #[test]
 fn components_are_numbered_in_the_order_of_their_first_tets() {
     let mut two = corner();

@@ -232,7 +232,7 @@ impl ObjectReport {
                 "parts beside the first, hanging apart",
                 "one with it where whole faces touch, else each an object of its own, if the repair leaves it; what holds them is said below",
             ),
-            (self.open_edges, "open boundary edge", "open boundary edges", "kept; the contact there is one-sided"),
+            (self.open_edges, "open boundary edge", "open boundary edges", "closed: tets that lie in others there are dropped"),
             (
                 self.non_manifold_edges,
                 "boundary edge of more than two triangles",
@@ -249,7 +249,7 @@ impl ObjectReport {
                 self.crowded_faces,
                 "face of more than two tets",
                 "faces of more than two tets",
-                "kept; export the mesh again if tets overlap",
+                "of those on one side the first is kept, where they are few; with many the mesh is refused",
             ),
             (
                 self.other_volume_cells,

@@ -156,6 +156,33 @@ fn an_inverted_tet_and_an_unused_node_are_repaired_and_said_so() {
     assert!(serde_json::to_value(&report).unwrap()["objects"][0]["tets"] == 48);
 }
 
+/// It was kept: points left the organ within it, and a hollow one was blown up from there. `run` said of it that the boundary touches itself.
+#[test]
+fn a_tet_that_lies_in_others_is_dropped_by_whoever_loads_the_mesh_and_many_are_refused() {
+    let folder = Folder::new("overlap");
+    // More tets at a face of the first two, which lie on either side of it, behind all others.
+    let mesh = |apexes: &[u32]| {
+        let more = (49..).zip(apexes).map(|(tet, apex)| format!("{tet} 4 2 1 1 1 5 14 {apex}\n")).collect::<String>();
+        let whole = block(2, 80.0, 0.0).replace("$Elements\n48\n", &format!("$Elements\n{}\n", 48 + apexes.len()));
+        whole.replace("$EndElements\n", &format!("{more}$EndElements\n"))
+    };
+    let path = folder.file("organ.msh", &mesh(&[3]));
+    let scene = load(&path).unwrap_or_else(|error| panic!("{error}"));
+    assert!(hyst_mesh::check(&scene.objects[0].mesh).is_sound() && scene.objects[0].mesh.tets.len() == 48);
+    let said = |part: &str| scene.notes.iter().any(|note| note.contains(part));
+    assert!(said("dropped 1 tet on that side of a face") && said("(first: tet 48)"), "{:?}", scene.notes);
+    assert!(!said("touches itself"), "{:?}", scene.notes);
+    let report = check(Some(&path));
+    assert!(report.runnable && report.objects[0].crowded_faces == 1, "{report:?}");
+    assert!(report.to_string().contains("1 face of more than two tets: of those on one side the first is kept"), "{report}");
+
+    let path = folder.file("organ.msh", &mesh(&[3, 6, 7, 8, 12, 16, 20, 21, 22, 24, 25, 26]));
+    let error = load(&path).unwrap_err();
+    assert!(error.kind == Kind::BadMesh && error.to_string().contains("of 60 tets 12 lie in others"), "{error}");
+    let report = check(Some(&path));
+    assert!(!report.runnable && report.error.is_some_and(|error| error.contains("12 lie in others")));
+}
+
 #[test]
 fn a_surface_of_another_mesh_is_refused_and_its_own_is_bound() {
     let folder = Folder::new("surface");

@@ -2,6 +2,37 @@
 
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::types::TetMesh;
+use std::fmt;
+
+/// The region of a tet as a file names it. Its number is that without its sign.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Region {
+    /// By a number that is there for this: of a physical group, a reference or an attribute; 0 if it names none.
+    Group(i64),
+    /// By that of the volume of the geometry that it lies in, if this is in no group: to Gmsh the two have nothing to do with each other.
+    Volume(i64),
+}
+
+impl Region {
+    /// That of a volume in no group; 0 is none.
+    pub fn of_volume(tag: i64) -> Region {
+        if tag == 0 { Region::Group(0) } else { Region::Volume(tag) }
+    }
+
+    fn named(self) -> i64 {
+        let (Region::Group(named) | Region::Volume(named)) = self;
+        named
+    }
+}
+
+impl fmt::Display for Region {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Region::Group(named) => write!(out, "{named}"),
+            Region::Volume(tag) => write!(out, "volume {tag} (in no physical group)"),
+        }
+    }
+}
 
 /// Nodes and tets as a file names them.
 #[derive(Default)]
@@ -9,7 +40,7 @@ pub(crate) struct Builder {
     positions: Vec<[f32; 3]>,
     node_tags: Vec<(i64, Place)>,
     tets: Vec<([i64; 4], Place)>,
-    regions: Vec<i64>,
+    regions: Vec<Region>,
     /// Hexahedra, prisms, pyramids and the like that were passed over.
     pub other_volume_cells: usize,
 }
@@ -20,7 +51,7 @@ impl Builder {
         self.node_tags.push((tag, place));
     }
 
-    pub fn tet(&mut self, tags: [i64; 4], region: i64, place: Place) {
+    pub fn tet(&mut self, tags: [i64; 4], region: Region, place: Place) {
         self.tets.push((tags, place));
         self.regions.push(region);
     }
@@ -81,9 +112,9 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
 }
 
 /// The number of each tet's region: what the file names, without its sign.
-fn region_numbers(named: &[i64], tets: &[([i64; 4], Place)]) -> Result<Vec<u32>, ReadError> {
-    let number = |named: &i64| u32::try_from(named.unsigned_abs()).unwrap_or(u32::MAX);
-    let mut numbers: Vec<(u32, i64)> = named.iter().map(|named| (number(named), *named)).collect();
+fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<Vec<u32>, ReadError> {
+    let number = |region: &Region| u32::try_from(region.named().unsigned_abs()).unwrap_or(u32::MAX);
+    let mut numbers: Vec<(u32, Region)> = named.iter().map(|region| (number(region), *region)).collect();
     numbers.sort_unstable();
     numbers.dedup();
     let Some(pair) = numbers.windows(2).find(|pair| pair[0].0 == pair[1].0) else {
@@ -93,8 +124,16 @@ fn region_numbers(named: &[i64], tets: &[([i64; 4], Place)]) -> Result<Vec<u32>,
     let first_tets = both.map(|region| named.iter().position(|named| *named == region));
     let place = first_tets.into_iter().flatten().max().map_or(Place::File, |tet| tets[tet].1);
     let found = format!("a second one of the regions {} and {}, which would be one", both[0], both[1]);
-    let expected = format!("numbers of regions that differ in more than their signs, below {}", u32::MAX);
-    let cure = "number the regions 1, 2, 3 …, and mesh or export again";
+    let (expected, cure) = match both {
+        [Region::Group(_), Region::Volume(_)] => (
+            "no volume without a physical group whose number a group has".to_owned(),
+            "put each volume in a physical group, or save without Mesh.SaveAll",
+        ),
+        _ => (
+            format!("numbers of regions that differ in more than their signs, below {}", u32::MAX),
+            "number the regions 1, 2, 3 …, and mesh or export again",
+        ),
+    };
     Err(ReadError::new(ReadErrorKind::BadNumber, place, found, expected, cure))
 }
 

@@ -4,7 +4,7 @@
 //! Follows the file format chapter of the Gmsh reference manual. Sections may come in any order; unknown ones are skipped; tags may
 //! be sparse and unordered; elements that are no tets are passed over; of a tet of higher order the four corners are taken.
 
-use super::builder::Builder;
+use super::builder::{Builder, Region};
 use super::{gmsh_binary, gmsh4};
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::{Text, Token, without_mark};
@@ -50,9 +50,9 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
                 new @ (Version::V40 | Version::V41) => gmsh4::elements(&mut text, &mut mesh, new, &physical)?,
                 old => elements(&mut text, &mut mesh, old)?,
             }
-        } else if token.is("$Entities") && version == Some(Version::V41) {
+        } else if token.is("$Entities") && is_4(version) {
             physical.read_entities(&mut text);
-        } else if token.is("$PartitionedEntities") && version == Some(Version::V41) {
+        } else if token.is("$PartitionedEntities") && is_4(version) {
             physical.read_partitioned(&mut text);
         }
     }
@@ -62,6 +62,10 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
         return Err(ReadError::new(ReadErrorKind::Syntax, Place::File, "neither", expected, cure));
     }
     Ok(mesh)
+}
+
+fn is_4(version: Option<Version>) -> bool {
+    matches!(version, Some(Version::V40 | Version::V41))
 }
 
 fn need_version(version: Option<Version>, token: Token) -> Result<Version, ReadError> {
@@ -134,18 +138,24 @@ fn elements(text: &mut Text, mesh: &mut Builder, version: Version) -> Result<(),
             mesh.other_volume_cells += usize::from(is_other_volume(kind));
             continue;
         }
-        let mut tags = if version == Version::V1 { 3 } else { rest.i64(&what)? };
-        // The physical group; without one the volume's own number, which follows.
-        let (mut region, mut before) = (0, 0);
-        while tags > 0 {
-            let tag = rest.i64(&what)?;
-            region = if before < 2 && region == 0 { tag } else { region };
-            before += 1;
-            tags -= 1;
+        let tags = if version == Version::V1 { 3 } else { rest.i64(&what)? };
+        let mut region = Region::Group(0);
+        for nth in 0..tags {
+            region = region_with(region, nth, rest.i64(&what)?);
         }
-        mesh.tet(corners(&mut rest, &what)?, without_orientation(region), Place::Line(line.line));
+        mesh.tet(corners(&mut rest, &what)?, region, Place::Line(line.line));
     }
     end(text, "$ENDELM or $EndElements", count)
+}
+
+/// The region of a tet of version 1 or 2 that is this one by the tags before this one: the first is the physical group; without one, the volume's own number,
+/// which follows.
+pub(super) fn region_with(region: Region, nth: i64, tag: i64) -> Region {
+    match nth {
+        0 => Region::Group(without_orientation(tag)),
+        1 if region == Region::Group(0) => Region::of_volume(without_orientation(tag)),
+        _ => region,
+    }
 }
 
 /// A physical group by its number alone: the sign says which way round an entity is in it.

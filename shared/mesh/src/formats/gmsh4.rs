@@ -1,6 +1,6 @@
 //! Gmsh 4.0 and 4.1 as text: blocks of nodes and of elements, one per entity of the geometry.
 
-use super::builder::Builder;
+use super::builder::{Builder, Region};
 use super::gmsh::{Version, corners, end, is_other_volume, is_tet, without_orientation};
 use crate::error::{Place, ReadError};
 use crate::text::Text;
@@ -23,12 +23,14 @@ impl Physical {
     }
 
     /// Region of an element of volume `entity`: its first physical group, else the volume's own tag.
-    pub fn region(&self, entity: i64) -> i64 {
-        let group = self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag).map_or(entity, |found| self.volumes[found].1);
-        without_orientation(group)
+    pub fn region(&self, entity: i64) -> Region {
+        match self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag) {
+            Ok(found) => Region::Group(without_orientation(self.volumes[found].1)),
+            Err(_) => Region::of_volume(without_orientation(entity)),
+        }
     }
 
-    /// `$Entities`. It only names regions, so what is not understood is passed over.
+    /// `$Entities`. 4.0 and 4.1 write a volume alike, and a point not: 4.0 gives it a box. It only names regions, so what is not understood is passed over.
     pub fn read_entities(&mut self, text: &mut Text) {
         let _ = self.volumes_after_counts(text, false);
         self.sort();

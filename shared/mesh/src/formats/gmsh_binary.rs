@@ -4,8 +4,8 @@
 //! Follows the file format chapter of the Gmsh reference manual. What is read of them is what [`gmsh`](super::gmsh) reads of the same file as text; sections
 //! that are not read are passed over to their ends.
 
-use super::builder::Builder;
-use super::gmsh::{CURE, Version, is_other_volume, is_tet, without_orientation};
+use super::builder::{Builder, Region};
+use super::gmsh::{CURE, Version, is_other_volume, is_tet, region_with};
 use super::gmsh4::Physical;
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::{narrow, take};
@@ -191,15 +191,13 @@ impl<'a> Numbers<'a> {
             for _ in 0..follow {
                 let place = Place::Byte(self.at);
                 self.int(&what)?; // its number
-                let mut region = 0;
+                let mut region = Region::Group(0);
                 for nth in 0..tags {
-                    let tag = self.int(&what)?;
-                    // The physical group; without one the volume's own number, which follows.
-                    region = if nth < 2 && region == 0 { tag } else { region };
+                    region = region_with(region, nth, self.int(&what)?);
                 }
                 let corners = self.corners(nodes, INT_BYTES, &what)?;
                 if is_tet(kind) {
-                    mesh.tet(corners, without_orientation(region), place);
+                    mesh.tet(corners, region, place);
                 }
             }
             read += follow;

@@ -1,6 +1,6 @@
 //! Medit / INRIA `.mesh` in ASCII, as mmg, Gmsh, CGAL and FreeFEM write it: `Vertices` and `Tetrahedra`; other sections are skipped.
 
-use super::builder::Builder;
+use super::builder::{Builder, Region};
 use super::gmsh::corners;
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::Text;
@@ -49,7 +49,7 @@ fn tetrahedra(text: &mut Text, mesh: &mut Builder) -> Result<(), ReadError> {
         let place = text.peek().map_or(text.place(), |token| Place::Line(token.line));
         let tags = corners(text, &what)?;
         let region = text.i64(&format!("the reference of {what}"))?;
-        mesh.tet(tags, region, place);
+        mesh.tet(tags, Region::Group(region), place);
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! TetGen's pair of files: `.node` with the points, `.ele` with the tets. Counted from 0 or from 1, as the files say themselves.
 
-use super::builder::Builder;
+use super::builder::{Builder, Region};
 use super::gmsh::corners;
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::Text;
@@ -66,7 +66,7 @@ fn read_elements(bytes: &[u8], mesh: &mut Builder) -> Result<(), ReadError> {
             line.i64(&what)?; // nodes in the middle of edges
         }
         let region = if attributes > 0 { region(&mut line, &what)? } else { 0 };
-        mesh.tet(tags, region, Place::Line(token.line));
+        mesh.tet(tags, Region::Group(region), Place::Line(token.line));
     }
     Ok(())
 }

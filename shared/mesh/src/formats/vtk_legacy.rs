@@ -2,7 +2,7 @@
 //!
 //! Follows the chapter on file formats of VTK's user's guide. Of mixed cells the tets are taken.
 
-use super::builder::Builder;
+use super::builder::{Builder, Region};
 use super::vtk_legacy_binary as binary;
 use crate::error::{Place, ReadError, ReadErrorKind};
 use crate::text::{Text, Token, narrow};
@@ -90,7 +90,7 @@ pub(crate) fn add_tets(mesh: &mut Builder, cells: &Cells, types: &[i64], first_t
             let found = format!("cell {cell}, a tet, with {} points", corners.len());
             return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "4 points", DAMAGED));
         };
-        mesh.tet([a, b, c, d].map(|index| index.saturating_add(first_tag)), 0, place);
+        mesh.tet([a, b, c, d].map(|index| index.saturating_add(first_tag)), Region::Group(0), place);
     }
     Ok(())
 }

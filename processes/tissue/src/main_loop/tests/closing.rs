@@ -275,3 +275,66 @@ fn a_cavity_whose_wall_is_cut_opens_and_stays_open_however_low_the_pressure_is()
         assert_eq!(core_of(&session.now).closed.to_bits(), 0);
     });
 }
+
+/// A straight wire so far ahead of a tip that touches nothing, from its middle to each end, m; how high the wall is cut with it, from the middle to so far in
+/// front, in so many ticks.
+const AHEAD_M: f32 = 0.2;
+const HALF_WIRE_M: f32 = 0.014;
+const CUT_AT_M: f32 = 0.025;
+const DEEP_M: f32 = 0.02;
+const CUTS: u64 = 80;
+/// Ticks in which the cavity is closed before that.
+const CLOSES: u64 = 600;
+
+/// Tets and nodes of a world's organ.
+fn size_of_organ(world: &World) -> [usize; 2] {
+    let rest = &world.body.rest;
+    let of_organ = rest.tets.iter().zip(&rest.regions).filter(|(_, object)| **object == 0);
+    let nodes: std::collections::BTreeSet<u32> = of_organ.clone().flat_map(|(tet, _)| *tet).collect();
+    [of_organ.count(), nodes.len()]
+}
+
+/// The organ had as many tets as before, which alone were counted: the forces that close the cavity led a wall that was cut.
+#[test]
+fn a_cavity_whose_wall_is_parted_where_there_is_no_room_for_tets_opens_too() {
+    let (station, pages, life, mut inbox) = begun("notets");
+    let (mut workshop, world) = Workshop::load(&life).unwrap();
+    let world = workshop.cramp(world, |case, body| {
+        case.room.tets = body.rest.tets.len();
+        let electrode = case.electrode.as_mut().expect("the default instrument has a loop");
+        let ahead_m = AHEAD_M - electrode.reach_m;
+        electrode.wire_m = [-HALF_WIRE_M, 0.0, HALF_WIRE_M].map(|x_m| [x_m, 0.0, ahead_m]).to_vec();
+    });
+    let mut main = MainLoop::new(&life, workshop, world).unwrap();
+    main.arrival(page_of(&station, Role::Device), &mut inbox);
+    let whole = Arc::clone(&main.world);
+    let reach_m = whole.case.electrode.as_ref().map_or(0.0, |electrode| electrode.reach_m);
+    let record = |tick: u64, cut_m: Option<f32>| {
+        let mut record = InputRecord { tick, pressure_pa: LOW_PA, ..InputRecord::default() };
+        let position_m = [0.0, cut_m.unwrap_or(0.0), CUT_AT_M - AHEAD_M];
+        record.sample.pose = Pose { position_m, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+        if cut_m.is_some() {
+            record.sample.controls.buttons = hyst_messages::BUTTON_ENERGIZED | hyst_messages::BUTTON_EXTENDED;
+            record.sample.controls.loop_extension_m = reach_m;
+        }
+        record
+    };
+    let mut now = first_state(&mut main);
+    for tick in 1..=CLOSES {
+        now = fed(&mut main, &pages[1], &now, &record(tick, None));
+    }
+    assert!(whole.is_organ_whole && core_of(&now).closed == 1.0);
+    let ([tets, nodes], mut tick) = (size_of_organ(&whole), CLOSES);
+    while size_of_organ(&main.world)[1] == nodes {
+        tick += 1;
+        assert!(tick <= CLOSES + CUTS, "nothing was parted");
+        let cut_m = DEEP_M * (tick - CLOSES) as f32 / CUTS as f32;
+        now = fed(&mut main, &pages[1], &now, &record(tick, Some(cut_m)));
+    }
+    assert_eq!(size_of_organ(&main.world)[0], tets, "it was to be parted along what is there");
+    assert!(!main.world.is_organ_whole && core_of(&now).cut_limits > 0);
+    for tick in tick + 1..=tick + CLOSES {
+        now = fed(&mut main, &pages[1], &now, &record(tick, None));
+    }
+    assert_eq!(core_of(&now).closed.to_bits(), 0, "it is open, however low the pressure is");
+}
