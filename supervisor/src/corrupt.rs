@@ -3,6 +3,9 @@
 //!
 //! Which bytes, and to what, follows from a seed alone, as far as the files are the same. Holes are left alone: what was never written is read by
 //! nobody.
+//!
+//! Promise: whoever asks is not held up by how many there are. The main loop of the supervisor, for which each death waits, flips the first ones, with two system
+//! calls for each at most; the rest is a thread's, an ordinary one, which comes after all that is real time.
 
 use crate::campaign::draw::Draw;
 use crate::faultfile::{DEFAULT_BYTES, Injection, Place};
@@ -15,12 +18,21 @@ use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::thread::{Builder, JoinHandle};
 
 /// Extents of one file that are looked at: a segment's used messages lie together.
 const MOST_EXTENTS: usize = 4_096;
 
 /// Most bytes whose fate is followed.
 const MOST_FOLLOWED: usize = 64;
+/// Most that are flipped before the answer: two system calls of half a microsecond each are 4 ms, less than the main loop's period.
+const AT_ONCE: u32 = 4_096;
+/// Flips that are brought into the order of their places together: 1.5 MiB.
+const BATCH: u32 = 1 << 16;
+/// Stack of the thread that flips the last, bytes: a supervisor with locked memory has all of it brought in at once.
+const STACK: usize = 256 << 10;
 
 /// A byte that was flipped.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,6 +41,13 @@ pub(crate) struct Flip {
     at: u64,
     /// What it became.
     byte: u8,
+}
+
+impl Flip {
+    /// Whether it lies in this file.
+    pub(crate) fn is_in(&self, file: &Path) -> bool {
+        self.path == file
+    }
 }
 
 /// What became of the bytes that were flipped, the first of them.
@@ -78,7 +97,9 @@ pub(crate) fn corrupt(
     }
     // Another one each time that none is named: the same bytes, flipped once more, would be as they were before.
     let (bytes, seed) = (injection.bytes.unwrap_or(DEFAULT_BYTES), injection.seed.unwrap_or_else(system::now_ns));
-    let flips = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
+    let (flips, rest) = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
+    let clock_waits = station.open().is_ok_and(|page| page.is_lockstep()); // and nobody is late meanwhile
+    rest.into_iter().filter(|_| clock_waits).for_each(|rest| drop(rest.join()));
     let Some(first) = flips.first().map(|flip| described(&flip.path, flip.at)) else {
         return Err(format!("{slot} has nothing there yet that was ever written; wait until it has"));
     };
@@ -91,34 +112,96 @@ fn mapped(pid: u32, prefix: &str, ending: &str, rights: &str) -> Vec<PathBuf> {
     files.map(|mapping| mapping.path).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Flips so many bytes of all of them together; gives the first ones.
-fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<Vec<Flip>, (PathBuf, std::io::Error)> {
-    let mut open = Vec::new();
-    for path in files {
-        let failed = |error| (path.clone(), error);
-        let file = std::fs::OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
-        let extents = extents(&file).map_err(failed)?;
-        open.extend(extents.into_iter().map(|extent| (path, file.try_clone(), extent)));
-    }
-    let total: u64 = open.iter().map(|(_, _, extent)| extent.end - extent.start).sum();
-    let (mut draw, mut flips) = (Draw::new(seed), Vec::new());
-    for _ in 0..bytes {
-        let (mut at, change) = (draw.between(0, total.saturating_sub(1)), draw.between(1, 255) as u8);
-        for (path, file, extent) in &open {
-            let length = extent.end - extent.start;
-            if at >= length {
-                at -= length;
-                continue;
+/// What was ever written of some files, one part behind the other, as if it were one.
+#[derive(Default)]
+struct Written {
+    files: Vec<(PathBuf, File)>,
+    /// In the order of their beginnings.
+    parts: Vec<Part>,
+    /// Bytes of all of them.
+    total: u64,
+}
+
+/// A part of a file that was ever written.
+struct Part {
+    /// Where it begins in all of them together.
+    begin: u64,
+    /// In which file it lies.
+    file: usize,
+    /// Where it begins there.
+    start: u64,
+}
+
+/// A file that cannot be read or written.
+type Failed = (PathBuf, std::io::Error);
+
+impl Written {
+    fn of(paths: &[PathBuf]) -> Result<Written, Failed> {
+        let mut written = Written::default();
+        for path in paths {
+            let failed = |error| (path.clone(), error);
+            let file = File::options().read(true).write(true).open(path).map_err(failed)?;
+            for extent in extents(&file).map_err(failed)? {
+                written.parts.push(Part { begin: written.total, file: written.files.len(), start: extent.start });
+                written.total += extent.end - extent.start;
             }
-            let place = extent.start + at;
-            let file = file.as_ref().map_err(|error| ((*path).clone(), error.kind().into()))?;
-            let byte = flip_byte(file, place, change).map_err(|error| ((*path).clone(), error))?;
-            flips.push(Flip { path: (*path).clone(), at: place, byte });
-            break;
+            written.files.push((path.clone(), file));
+        }
+        Ok(written)
+    }
+
+    /// The next byte that is flipped: in which file, where, and by what; `None` if nothing was ever written.
+    fn draw(&self, draw: &mut Draw) -> Option<(usize, u64, u8)> {
+        let (at, change) = (draw.between(0, self.total.saturating_sub(1)), draw.between(1, 255) as u8);
+        let part = self.parts[..self.parts.partition_point(|part| part.begin <= at)].last()?;
+        Some((part.file, part.start + (at - part.begin), change))
+    }
+
+    /// Flips those that are drawn next, a batch after the other, each in the order of their places: what lies side by side is read and written at once. What
+    /// cannot be any more has gone with its owner.
+    fn flip(&self, draw: &mut Draw, mut left: u32) {
+        let mut bytes = Vec::new();
+        while left > 0 {
+            let count = left.min(BATCH);
+            left -= count;
+            let mut batch: Vec<(usize, u64, u8)> = (0..count).filter_map(|_| self.draw(draw)).collect();
+            batch.sort_unstable();
+            for run in batch.chunk_by(|(file, at, _), (next_file, next, _)| file == next_file && *next <= at + 1) {
+                let ((index, start, _), (_, last, _)) = (run[0], run[run.len() - 1]);
+                let file = &self.files[index].1;
+                bytes.resize((last - start + 1) as usize, 0u8);
+                if file.read_exact_at(&mut bytes, start).is_ok() {
+                    run.iter().for_each(|(_, at, change)| bytes[(at - start) as usize] ^= change);
+                    let _ = file.write_all_at(&bytes, start); // likewise
+                }
+            }
         }
     }
-    flips.truncate(MOST_FOLLOWED);
-    Ok(flips)
+}
+
+/// Flips so many bytes of all of them together; gives the first ones, and who flips the last.
+fn flip(paths: &[PathBuf], seed: u64, bytes: u32) -> Result<(Vec<Flip>, Option<JoinHandle<()>>), Failed> {
+    let written = Arc::new(Written::of(paths)?);
+    let mut draw = Draw::new(seed);
+    let (followed, at_once) = (bytes.min(MOST_FOLLOWED as u32), bytes.min(AT_ONCE));
+    // There before anything is flipped: a fault that cannot be done as a whole is not begun.
+    let (go_on, gate) = channel::<Draw>();
+    let rest = (bytes > at_once).then(|| {
+        let written = Arc::clone(&written);
+        let body = move || gate.recv().into_iter().for_each(|mut draw| written.flip(&mut draw, bytes - at_once));
+        Builder::new().name("flips".into()).stack_size(STACK).spawn(body)
+    });
+    let rest = rest.transpose().map_err(|error| (paths.first().cloned().unwrap_or_default(), error))?;
+    let mut flips = Vec::new();
+    for _ in 0..followed {
+        let Some((index, at, change)) = written.draw(&mut draw) else { break };
+        let (path, file) = &written.files[index];
+        let byte = flip_byte(file, at, change).map_err(|error| (path.clone(), error))?;
+        flips.push(Flip { path: path.clone(), at, byte });
+    }
+    written.flip(&mut draw, at_once - followed);
+    let _ = go_on.send(draw); // nobody waits for it if these are all
+    Ok((flips, rest))
 }
 
 fn described(path: &Path, place: u64) -> String {
@@ -154,6 +237,14 @@ mod tests {
         std::env::temp_dir().join(format!("corrupt-{}-{name}", std::process::id()))
     }
 
+    /// All of them, whoever flips which; gives the first.
+    fn flip_all(paths: &[PathBuf], seed: u64, bytes: u32) -> Vec<Flip> {
+        let (flips, rest) = flip(paths, seed, bytes).unwrap();
+        assert_eq!(rest.is_some(), bytes > AT_ONCE, "who flips the last");
+        rest.into_iter().for_each(|rest| rest.join().unwrap());
+        flips
+    }
+
     fn changed(before: &[u8], after: &[u8]) -> Vec<(usize, u8)> {
         let pairs = before.iter().zip(after).enumerate();
         pairs.filter(|(_, (old, new))| old != new).map(|(at, (old, new))| (at, old ^ new)).collect()
@@ -164,7 +255,7 @@ mod tests {
         let path = file("seed");
         let flipped = |seed: u64| {
             std::fs::write(&path, vec![7u8; 60_000]).unwrap();
-            flip(std::slice::from_ref(&path), seed, 20).unwrap();
+            flip_all(std::slice::from_ref(&path), seed, 20);
             changed(&vec![7u8; 60_000], &std::fs::read(&path).unwrap())
         };
         let first = flipped(5);
@@ -174,11 +265,33 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
     }
 
+    /// The supervisor's main loop flipped a mebibyte byte by byte, for seconds in which a death waited for it.
+    #[test]
+    fn however_many_bytes_a_seed_flips_they_are_those_that_it_flips_one_by_one() {
+        let (paths, sizes) = ([file("first"), file("second")], [90_112usize, 28_672]);
+        let total = sizes[0] + sizes[1];
+        for bytes in [MOST_FOLLOWED as u32, AT_ONCE, AT_ONCE + 1, AT_ONCE + 2 * BATCH + 70_000] {
+            paths.iter().zip(sizes).for_each(|(path, size)| std::fs::write(path, vec![7u8; size]).unwrap());
+            let flips = flip_all(&paths, 5, bytes);
+            let (mut draw, mut expected, mut first) = (Draw::new(5), vec![7u8; total], Vec::new());
+            for _ in 0..bytes {
+                let (at, change) = (draw.between(0, total as u64 - 1) as usize, draw.between(1, 255) as u8);
+                expected[at] ^= change;
+                first.push(if at < sizes[0] { (&paths[0], at as u64) } else { (&paths[1], (at - sizes[0]) as u64) });
+            }
+            first.truncate(MOST_FOLLOWED);
+            assert_eq!(flips.iter().map(|flip| (&flip.path, flip.at)).collect::<Vec<_>>(), first);
+            let found: Vec<u8> = paths.iter().flat_map(|path| std::fs::read(path).unwrap()).collect();
+            assert!(found == expected && found != vec![7u8; total], "{bytes}");
+        }
+        paths.iter().for_each(|path| std::fs::remove_file(path).unwrap());
+    }
+
     #[test]
     fn a_byte_is_still_there_or_written_over_or_gone_with_its_file() {
         let path = file("fate");
         std::fs::write(&path, vec![7u8; 1 << 20]).unwrap();
-        let flips = flip(std::slice::from_ref(&path), 5, 100).unwrap();
+        let flips = flip_all(std::slice::from_ref(&path), 5, 100);
         assert_eq!((flips.len(), remains(&flips)), (MOST_FOLLOWED, Remains { still_there: 64, ..Remains::default() }));
         File::options().write(true).open(&path).unwrap().write_all_at(&[7], flips[0].at).unwrap();
         assert_eq!(remains(&flips), Remains { written_over: 1, still_there: 63, gone: 0 });
@@ -195,7 +308,7 @@ mod tests {
         std::fs::write(&paths[1], vec![1u8; 4_096]).unwrap();
         let used: u64 = extents(&File::open(&paths[0]).unwrap()).unwrap().iter().map(|extent| extent.end - extent.start).sum();
         assert!((40_960..=81_920).contains(&used), "{used} of 64 MiB");
-        flip(&paths, 1, 200).unwrap();
+        flip_all(&paths, 1, 200);
         let small = changed(&[1; 4_096], &std::fs::read(&paths[1]).unwrap()).len();
         assert!((5..=40).contains(&small), "{small} of 200 in a tenth or less");
         for path in paths {

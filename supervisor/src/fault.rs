@@ -80,7 +80,8 @@ pub struct Fault {
     /// it cannot open any more: that it was done, whoever noticed. Of a file system that is filled: that it was full.
     pub manifested: bool,
     /// `latch`, `pidfd`, `heartbeat`, `guardian`, `growth`, the thread that stood still (`usher` …), or the process that refused its output or did its work, says
-    /// that its disk is full, or died of a full /dev/shm.
+    /// that its disk is full or that it cannot open a newcomer, or died of a full /dev/shm; `supervisor` where it mended what had flipped, or could start nobody
+    /// for want of a file.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,

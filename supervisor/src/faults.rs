@@ -83,6 +83,8 @@ pub struct Faults {
     active: ActiveLog,
     /// Since when somebody is suspected to hang.
     suspects: BTreeMap<(usize, u32), u64>,
+    /// When somebody could last not be started for want of a file descriptor of the supervisor's, ns.
+    without_file_ns: Option<u64>,
 }
 
 /// When a fault from outside began: at its victim's last heartbeat. One that never beat, or whose page says what cannot be, is no older than what the
@@ -127,6 +129,7 @@ impl Faults {
             asked: asked::Swaps::read(station),
             active: ActiveLog::default(),
             suspects: BTreeMap::new(),
+            without_file_ns: None,
         })
     }
 

@@ -18,6 +18,7 @@ use crate::case::{self, RunCase};
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
 use crate::name;
+use crate::neighbours;
 use crate::notify::Notifier;
 use crate::plan::Plan;
 use crate::recording::{self, RecordingView, folder};
@@ -129,6 +130,8 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     if let Some(file) = recording::file_of(&guardian.station).filter(|_| in_folder) {
         guardian.tell(&format!("recording into {}", file.display()));
     }
+    let beside = if settings.test_mode { neighbours::warning(&guardian.station) } else { None };
+    beside.iter().for_each(|line| guardian.tell(line));
     guardian.keep(&plan, &signals);
     Ok(guardian.end(&plan))
 }
@@ -240,7 +243,7 @@ impl Guardian {
                 self.notifier.say(&format!("MAINPID={}\n", std::process::id()));
             }
             if !told {
-                let is_whole = all_ready(&mut viewer, plan);
+                let is_whole = plan.slots().into_iter().all(|slot| viewer.says_ready(slot));
                 told = is_whole || now_ns - begin_ns > READY_WITHIN_NS;
                 if told {
                     self.ready(begin_ns, now_ns, is_whole);
@@ -382,10 +385,6 @@ impl Guardian {
         self.printer.finish();
         code
     }
-}
-
-fn all_ready(viewer: &mut Viewer, plan: &Plan) -> bool {
-    plan.slots().into_iter().all(|slot| viewer.says_ready(slot))
 }
 
 /// Events that are shown under the table.

@@ -32,6 +32,7 @@ mod lockstep;
 mod mischief;
 mod moment;
 mod name;
+mod neighbours;
 mod notify;
 mod oom;
 mod plan;

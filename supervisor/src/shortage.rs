@@ -1,10 +1,11 @@
 //! What runs short on request: the memory and the files that a process may have (its soft limits are lowered to what it uses), and the room on the
 //! disk of the recording or in /dev/shm (a ballast file takes what is free).
 //!
-//! Promise: a file system with much room is never filled, the ballast is topped up only while its file is there, and what was lowered is
-//! remembered, so that it can be put back. Only soft limits are touched: putting one back needs no right that lowering it did not need.
+//! Promise: a file system with much room is never filled, nor one on which another station trains; the ballast is topped up only while its file is there, and
+//! what was lowered is remembered, so that it can be put back. Only soft limits are touched: putting one back needs no right that lowering it did not need.
 
 use crate::faultfile::FaultKind;
+use crate::neighbours;
 use hyst_engine::Settings;
 use hyst_exchange::{Station, system};
 use rustix::fs::FallocateFlags;
@@ -112,28 +113,33 @@ pub fn check(station: &Station, kind: FaultKind) -> Result<(), String> {
         return Ok(());
     }
     let path = ballast(station, kind).ok_or("disk-full: this station records nothing; start it with --record")?;
-    check_folder(path.parent().unwrap_or(Path::new("/")), kind)
+    check_folder(path.parent().unwrap_or(Path::new("/")), kind, Some(station))
 }
 
-/// Whether the file system of a folder may be filled.
-pub fn check_folder(folder: &Path, kind: FaultKind) -> Result<(), String> {
+/// Whether the file system of a folder may be filled: it has little room, and nobody but `own` trains on it.
+pub fn check_folder(folder: &Path, kind: FaultKind, own: Option<&Station>) -> Result<(), String> {
     let free = free_bytes(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     if free <= MOST_FREE_BYTES {
-        return Ok(());
+        return neighbours::check(folder, kind, own);
     }
-    let cure = match kind {
+    Err(format!(
+        "{}: {} has {} MiB free, and at most {} MiB are filled; {}",
+        kind.name(),
+        folder.display(),
+        free >> 20,
+        MOST_FREE_BYTES >> 20,
+        cure(kind)
+    ))
+}
+
+/// How a station is given a file system that may be filled.
+pub fn cure(kind: FaultKind) -> &'static str {
+    match kind {
         FaultKind::ShmFull => {
             "give the station a small one of its own: unshare -m sh -c 'mount -t tmpfs -o size=768m none /dev/shm; exec hystation run …'"
         }
         _ => "record onto a small one: mount -t tmpfs -o size=256m none FOLDER, and --record FOLDER/session.mcap",
-    };
-    Err(format!(
-        "{}: {} has {} MiB free, and at most {} MiB are filled; {cure}",
-        kind.name(),
-        folder.display(),
-        free >> 20,
-        MOST_FREE_BYTES >> 20
-    ))
+    }
 }
 
 fn free_bytes(folder: &Path) -> Result<u64, Errno> {

@@ -59,6 +59,13 @@ pub enum SpawnError {
     Station(#[from] StationError),
 }
 
+impl SpawnError {
+    /// Whether this process had no file descriptor left for it.
+    pub fn is_want_of_files(&self) -> bool {
+        matches!(self, SpawnError::Page(_, error) if error.is_want_of_files())
+    }
+}
+
 #[derive(Debug)]
 enum Service {
     Stream(#[allow(dead_code, reason = "held, not used")] HeldService),

@@ -170,10 +170,11 @@ fn a_thread_that_helps_an_engine_and_stands_still_is_found_and_the_engine_hands_
     assert!(ended.died_unasked().is_empty(), "{}", ended.said);
 }
 
-/// Whoever can open nothing meets a newcomer as soon as he can again.
+/// Whoever can open nothing meets a newcomer as soon as he can again, and says that he could not, if he is to know servos.
 #[test]
 fn engines_without_files_meet_a_newcomer_once_they_have_some_again() {
     let station = Station::start("nofiles", &["--hand", "script:press", "--test-mode"]);
+    let mut lived = Vec::new();
     for target in ["tissue:active", "fluid:active", "device", "recorder"] {
         let (slot, pid) = station.victim(target);
         station.inject(&format!("no-files {slot} --for 2s"));
@@ -181,6 +182,7 @@ fn engines_without_files_meet_a_newcomer_once_they_have_some_again() {
         station.wait_until_over(pid);
         station.recover();
         println!("no-files {slot}: {}", if station.has_process(pid) { "lives" } else { "was replaced" });
+        lived.extend(Some(slot).filter(|slot| !slot.starts_with("fluid") && station.has_process(pid)));
         station.kill("haptic", true);
         station.run_ticks(500);
     }
@@ -189,6 +191,9 @@ fn engines_without_files_meet_a_newcomer_once_they_have_some_again() {
     ended.assert_recorded();
     let faults = ended.faults("no-files");
     assert!(faults.len() == 4 && faults.iter().all(|fault| fault["manifested"] == true), "{faults:?}");
+    let is_silent =
+        |fault: &&&Value| lived.iter().any(|slot| fault["target"] == slot.as_str()) && fault["detected_by"] != fault["target"];
+    assert_eq!(faults.iter().filter(is_silent).count(), 0, "{faults:?}");
 }
 
 #[test]

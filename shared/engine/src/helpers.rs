@@ -1,12 +1,14 @@
 //! The threads that help an engine (usher, drain, keeper, clerk), watched by the thread of its steps, whose own heartbeat the supervisor watches. One that
-//! stands still is named in the engine's page, and the supervisor has the process hand over what it does and replaces it.
+//! stands still is named in the engine's page, and the supervisor has the process hand over what it does and replaces it. When one could last open nothing stands
+//! there, too.
 //!
-//! Promise: a look costs a load for each helper, takes no lock, allocates nothing and waits for nobody. Time counts only while the engine itself comes to
+//! Promise: a look costs two loads for each helper, takes no lock, allocates nothing and waits for nobody. Time counts only while the engine itself comes to
 //! look: one that was stopped, or whose host stalled, blames nobody for that time.
 
 use crate::life::Life;
 use hyst_exchange::{Rounds, system};
 use hyst_messages::mischief::Thread;
+use hyst_messages::page::header;
 
 /// A helper that has not got on for so long, as far as it counts, stands still, ns. The slowest comes round ten times a second, and the longest that one was
 /// seen to take for a single thing is 138 ms, for a newcomer's 50 MB on full cores; an ordinary thread gets its turn there many times in so long a time.
@@ -40,6 +42,8 @@ impl Helper {
 pub struct Helpers {
     watched: Vec<Watched>,
     looked_ns: Option<u64>,
+    /// When one of them could last open nothing, as far as it was told, ns.
+    without_file_ns: u64,
 }
 
 #[derive(Debug)]
@@ -55,14 +59,24 @@ impl Helpers {
     /// Those of an engine; they are not watched before the first look.
     pub fn of(helpers: impl IntoIterator<Item = Helper>) -> Helpers {
         let watched = |helper: Helper| Watched { seen: helper.rounds.count(), stood_ns: 0, helper };
-        Helpers { watched: helpers.into_iter().map(watched).collect(), looked_ns: None }
+        Helpers { watched: helpers.into_iter().map(watched).collect(), ..Helpers::default() }
     }
 
-    /// To be called in each step: says in the page which of them stands still, as long as it does.
+    /// To be called in each step: says in the page which of them stands still, as long as it does, and when one could open nothing.
     pub fn look(&mut self, life: &Life) {
         if let Some(thread) = self.standing(system::now_ns()) {
             life.name_helper(thread);
         }
+        if let Some(at_ns) = self.without_file() {
+            life.page.store64(header::UNOPENED_NS, at_ns);
+        }
+    }
+
+    /// When one of them could last open nothing, if that is news, ns.
+    fn without_file(&mut self) -> Option<u64> {
+        let newest_ns = self.watched.iter().map(|watched| watched.helper.rounds.without_file_ns()).max().unwrap_or(0);
+        let before_ns = std::mem::replace(&mut self.without_file_ns, newest_ns);
+        (newest_ns > before_ns).then_some(newest_ns)
     }
 
     /// A look at a time: one that stands still.
@@ -167,5 +181,18 @@ mod tests {
     fn an_engine_without_helpers_names_nobody() {
         let mut helpers = Helpers::default();
         assert_eq!([1, STANDSTILL_NS, 9 * STANDSTILL_NS].map(|now_ns| helpers.standing(now_ns)), [None; 3]);
+        assert_eq!(helpers.without_file(), None);
+    }
+
+    /// Who could open no file met no newcomer meanwhile, and nobody was told.
+    #[test]
+    fn that_a_helper_could_open_nothing_is_told_once_each_time() {
+        let mut engine = Engine::new();
+        assert_eq!(engine.helpers.without_file(), None);
+        engine.rounds[1].want_file(70);
+        engine.rounds[0].want_file(50);
+        assert_eq!([(); 2].map(|()| engine.helpers.without_file()), [Some(70), None]);
+        engine.rounds[0].want_file(90);
+        assert_eq!(engine.helpers.without_file(), Some(90));
     }
 }

@@ -45,6 +45,13 @@ pub enum PageError {
     },
 }
 
+impl PageError {
+    /// Whether it is for want of a file descriptor of this process, and not for anything about the page.
+    pub fn is_want_of_files(&self) -> bool {
+        matches!(self, PageError::Refused { reason: rustix::io::Errno::MFILE, .. })
+    }
+}
+
 /// How a page is mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {

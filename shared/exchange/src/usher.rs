@@ -211,8 +211,12 @@ impl Desk {
             let guest = &mut self.waiting[at];
             guest.tries = guest.tries.saturating_add(1);
             if guest.page.is_none() {
-                // Not there yet, or already gone again: both are seen at the next look.
-                guest.page = self.station.read_slot(guest.slot, guest.incarnation).ok();
+                // Not there yet, already gone again, or no descriptor left: each is seen at the next look, and the last is told.
+                let opened = self.station.read_slot(guest.slot, guest.incarnation);
+                if opened.as_ref().is_err_and(|error| error.is_want_of_files()) {
+                    self.rounds.want_file(system::now_ns());
+                }
+                guest.page = opened.ok();
             }
             match connect(guest) {
                 Ok(None) => at += 1,

@@ -5,6 +5,7 @@ use super::*;
 use crate::campaign::outcome::Ending;
 use crate::campaign::{html, junit, text};
 use crate::fault::Fault;
+use std::collections::BTreeMap;
 
 #[test]
 fn what_a_fault_may_cost_is_in_its_mean_and_not_in_its_bound() {
@@ -253,6 +254,39 @@ fn a_kind_that_showed_fewer_than_twenty_times_for_a_role_is_named() {
     assert_eq!(judgement.few, [line]);
     let reports = [text::text(&judgement), html::html(&judgement, &outcomes, &[]), junit::junit(&judgement)];
     assert!(reports.iter().all(|report| report.contains(line) && report.contains("changes no verdict")), "{reports:?}");
+}
+
+/// Of 98 beside which somebody died, so that they had somebody to open, each counted as that death alone, and as none of its own kind.
+#[test]
+fn a_fault_in_whose_recovery_another_comes_counts_for_its_own_kind_and_role_if_it_showed() {
+    let cell = |kind: &str, count: usize, more: &str| {
+        format!("[[cell]]\nkinds = [\"{kind}\"]\ntargets = [\"tissue:active\"]\ncount = {count}\n{more}\n")
+    };
+    let beside = |with: &str| cell("kill", 20, &format!("states = [\"recovery\"]\nwith = \"{with}\""));
+    let firsts = ["no-files tissue:spare for=0.5", "shm-full console for=1.0", "slow fluid:active extra=0.1 for=0.5"];
+    let text = cell("no-files", 2, "for = 0.5") + &cell("shm-full", 2, "for = 1.0") + &firsts.map(beside).concat();
+    let (campaign, plan, mut outcomes) = setup(&text);
+    let mut number = BTreeMap::<String, usize>::new();
+    for outcome in &mut outcomes {
+        let own = outcome.fault.as_mut().unwrap();
+        let Some((_, with)) = outcome.cell.split_once(" from ") else {
+            own.detected_by = String::new();
+            continue;
+        };
+        let (kind, number) = (with.split(' ').next().unwrap_or_default(), number.entry(with.into()).or_default());
+        let by = if kind == "no-files" { ["tissue:1", "heartbeat", ""][(*number).saturating_sub(16).min(2)] } else { "" };
+        own.dead = true;
+        let first = Fault { kind: kind.into(), injected_ns: own.injected_ns - 5_000_000, dead: false, ..own.clone() };
+        outcome.with = Some(Fault { detected_by: by.into(), ..first });
+        // Where there was no room nobody was back before there was some again, but for one.
+        own.recovered_us = own.recovered_us.filter(|_| *number > 0).or(Some(40_000.0));
+        *number += 1;
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let lines = ["no-files of tissue: 17 of 22", "shm-full of all: 19 of 22"];
+    assert_eq!(judgement.few, lines.map(|line| format!("arm station: {line} showed, fewer than 20")));
+    let shown: Vec<usize> = judgement.cells.iter().map(|figures| figures.first_manifested).collect();
+    assert_eq!(shown, [0, 0, 17, 19, 20], "one that is slow shows by itself, and is there for the other alone");
 }
 
 /// Of 49 pages whose bytes flipped 45 were read by nobody, and the links of the same processes hid it.

@@ -38,7 +38,7 @@ mod report_tests;
 
 use crate::cli::CampaignArgs;
 use crate::settings::Refusal;
-use crate::warn;
+use crate::{neighbours, warn};
 use draw::Plan;
 use file::Campaign;
 use hyst_exchange::Station;
@@ -91,6 +91,7 @@ fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, 
             "a station named {name:?} is running; a campaign starts its own: give another --name"
         )));
     }
+    neighbours::warning(&station).filter(|_| args.batch != Some(0)).iter().for_each(|line| warn(line));
     let runner = Runner { campaign, plan, station, interrupted, json: args.json };
     if let Some(index) = args.only {
         return runner.repeat(index, store);

@@ -6,12 +6,13 @@ use crate::shortage;
 use hyst_exchange::Station;
 use std::path::{Path, PathBuf};
 
-/// Refuses a cell whose fault would be refused each time: where the recordings lie, or /dev/shm, there is more room than is filled.
+/// Refuses a cell whose fault would be refused each time: where the recordings lie, or /dev/shm, there is more room than is filled, or
+/// another station trains.
 pub(super) fn check(campaign: &Campaign, report: Option<&Path>) -> Result<(), String> {
     // A folder that is made for the results lies where its nearest ancestor does.
     let results = report.map_or_else(std::env::temp_dir, |path| std::path::absolute(path).unwrap_or_else(|_| path.into()));
     let results = results.ancestors().find(|path| path.is_dir()).unwrap_or(Path::new("/")).to_path_buf();
-    check_with(campaign, |kind| shortage::check_folder(&folder(kind, &results), kind))
+    check_with(campaign, |kind| shortage::check_folder(&folder(kind, &results), kind, None))
 }
 
 fn folder(kind: FaultKind, results: &Path) -> PathBuf {

@@ -1,8 +1,9 @@
 //! What the campaigns that come with the station do while something else is under way, and that the page about faults names them all.
 
 use super::tests::shipped;
-use crate::campaign::cell::State;
+use crate::campaign::cell::{Cell, State};
 use crate::faultfile::{FaultKind, Keepers, Target, Which};
+use hyst_messages::Role;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -80,4 +81,38 @@ fn the_page_about_faults_names_each_campaign_with_its_number_of_faults() {
         };
         assert!(page.lines().any(is_named), "{}: {number}", campaign.name);
     }
+}
+
+/// Whose successors each role has to open, in a page or by a stream (`interests` of the engines): where one of these dies, who can open no file shows it.
+const OPENED_BY: [(&str, &[&str]); 8] = [
+    ("device", &["haptic", "tissue", "fluid"]),
+    ("haptic", &["haptic", "device"]),
+    ("tissue", &["device", "haptic", "tissue", "fluid", "collision-worker", "rendering", "recorder"]),
+    ("fluid", &["tissue", "fluid"]),
+    ("collision-worker", &["tissue"]),
+    ("rendering", &["device", "tissue", "fluid", "recorder", "console"]),
+    ("recorder", &["device", "haptic", "tissue", "fluid", "rendering"]),
+    ("console", &["tissue", "fluid", "rendering"]),
+];
+
+/// A servo could open no file while a tissue died, whose page it never opens: of 24 of each of most roles nobody noticed one, and of the rest few.
+#[test]
+fn who_can_open_no_file_has_somebody_to_open_often_enough_to_show_it() {
+    let all = shipped();
+    let cells = || all.iter().flat_map(|campaign| &campaign.cells);
+    for (role, opened) in OPENED_BY {
+        let beside = |cell: &&Cell| {
+            let with = cell.with.as_ref().filter(|with| with.kind == FaultKind::NoFiles);
+            with.is_some_and(|with| Role::name_in(&with.target) == role)
+        };
+        let deaths: Vec<(&str, usize)> = cells().filter(beside).map(|cell| (cell.role(), cell.count)).collect();
+        assert!(deaths.iter().all(|(whom, _)| opened.contains(whom)), "{role}: {deaths:?}");
+        assert!(deaths.iter().map(|(_, count)| count).sum::<usize>() >= LEAST, "{role}: {deaths:?}");
+    }
+    // A supervisor opens those whom it starts, and starts at once who has died once: the next one waits.
+    let starts = |cell: &&Cell| {
+        let is_hurt = cell.injection.kind == FaultKind::NoFiles && cell.injection.target == "supervisor";
+        is_hurt && cell.with.as_ref().is_some_and(|with| with.kind == FaultKind::CrashLoop)
+    };
+    assert!(cells().filter(starts).map(|cell| cell.count).sum::<usize>() >= LEAST);
 }

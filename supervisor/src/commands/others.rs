@@ -1,6 +1,7 @@
 //! Which stations there are beside the one that was asked for: whoever looks for a service's under the name that every command has by itself, or without the rights
 //! of its user, is told how to speak to it.
 
+use crate::neighbours::owner_and_name;
 use hyst_exchange::{Station, system};
 
 /// Most that are named.
@@ -21,8 +22,7 @@ pub fn others(station: &Station) -> Vec<String> {
 
 /// How a user begins a command for the station whose root is named so; `None` of what is no root.
 fn begin(root: &str, user: u32) -> Option<String> {
-    let (owner, name) = root.strip_prefix("hystation-")?.split_once('-')?;
-    let owner: u32 = owner.parse().ok()?;
+    let (owner, name) = owner_and_name(root)?;
     Some(match owner {
         _ if owner == user => format!("hystation --name {name}"),
         0 => format!("sudo hystation --name {name}"),

@@ -8,6 +8,7 @@ use crate::keepers::Suffered;
 use crate::policy::{Cause, Exit};
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
+use std::path::Path;
 
 impl Faults {
     /// The guardian is found dead at a time, and was well when it was last looked at; whoever takes its place is awaited by [`Faults::guardian_back`].
@@ -42,11 +43,28 @@ impl Faults {
         }
         // Of both it is the supervisor's, as their death is.
         let role = if keepers == Keepers::Guardian { Role::Guardian } else { Role::Supervisor };
+        let opens = kind == FaultKind::NoFiles && role == Role::Supervisor;
+        let noticed_ns = self.without_file_ns.filter(|at_ns| opens && (since_ns..=until_ns).contains(at_ns));
         let fault = self.start(kind.name(), Slot::first(role), 0, since_ns);
         fault.manifested = kind != FaultKind::Oom;
+        if let Some(at_ns) = noticed_ns {
+            fault.found_by(role.name(), at_ns);
+        }
         fault.over_at(until_ns);
         self.keep_open();
         Ok(())
+    }
+
+    /// Somebody could not be started, because the supervisor had no file descriptor left.
+    pub fn want_file(&mut self, now_ns: u64) {
+        self.without_file_ns = Some(now_ns);
+    }
+
+    /// The supervisor has written anew what was wrong in a file: by that the bytes that were flipped there are noticed.
+    pub fn mended(&mut self, file: &Path) {
+        let now_ns = system::now_ns();
+        let is_of = |fault: &&mut Fault| fault.detected_us.is_none() && fault.flips.iter().any(|flip| flip.is_in(file));
+        self.open.faults.iter_mut().filter(is_of).for_each(|fault| fault.found_by(Role::Supervisor.name(), now_ns));
     }
 
     /// A successor is warm or live.
@@ -128,7 +146,9 @@ fn is_done_with_its_signal(fault: &Fault) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::corrupt::corrupt;
     use crate::fault::Death;
+    use crate::faultfile::{Injection, Place};
     use crate::faults::tests::book;
     use crate::view::Viewer;
 
@@ -145,6 +165,48 @@ mod tests {
         }
         let found: Vec<_> = faults.all().map(|fault| (fault.target.as_str(), fault.manifested, fault.recovered_us)).collect();
         assert_eq!(found, [("guardian", true, Some(500.0))]);
+    }
+
+    /// 72 times those who keep the station could open no file for a while, and nobody said whether they had wanted to.
+    #[test]
+    fn a_supervisor_without_files_is_noticed_if_it_could_start_nobody_for_that() {
+        let (_station, mut faults) = book("keeper-files");
+        let until_ns = system::now_ns();
+        let suffers = |faults: &mut Faults, kind: FaultKind, keepers: Keepers, for_ns: u64| {
+            faults.suffered(&Suffered { kind, keepers, since_ns: until_ns - for_ns, until_ns }).unwrap();
+            faults.all().last().map(|fault| (fault.detected_by.clone(), fault.detected_us))
+        };
+        let nobody = Some((String::new(), None));
+        assert_eq!(suffers(&mut faults, FaultKind::NoFiles, Keepers::Supervisor, 500_000), nobody);
+        faults.want_file(until_ns - 200_000);
+        let itself = Some(("supervisor".to_string(), Some(300.0)));
+        assert_eq!(suffers(&mut faults, FaultKind::NoFiles, Keepers::Supervisor, 500_000), itself);
+        assert_eq!(suffers(&mut faults, FaultKind::NoFiles, Keepers::Supervisor, 100_000), nobody, "that was before");
+        assert_eq!(suffers(&mut faults, FaultKind::NoFiles, Keepers::Guardian, 500_000), nobody, "it starts no engine");
+        assert_eq!(suffers(&mut faults, FaultKind::Stop, Keepers::Supervisor, 500_000), nobody);
+    }
+
+    /// The supervisor put right what had flipped, and the fault was noticed by nobody.
+    #[test]
+    fn bytes_that_flipped_are_noticed_where_the_supervisor_mends_what_they_were_in() {
+        let (station, mut faults) = book("mended");
+        let flips = |place: Place| {
+            let injection = Injection { place: Some(place), seed: Some(3), ..Injection::now(FaultKind::Corrupt, "tissue:0") };
+            corrupt(&station, Slot::first(Role::Tissue), 7, 0, &injection).unwrap().1
+        };
+        let now_ns = system::now_ns();
+        for place in [Place::Roster, Place::Station] {
+            faults.start("corrupt", Slot::first(Role::Tissue), 7, now_ns - 1_000_000).flips = flips(place);
+        }
+        faults.start("kill", Slot::first(Role::Tissue), 7, now_ns);
+        let mut found = |file: &Path| {
+            faults.mended(file);
+            faults.all().map(|fault| fault.detected_by.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(found(&station.link_config()), ["", "", ""]);
+        assert_eq!(found(&station.station_page()), ["", "supervisor", ""]);
+        assert_eq!(found(&station.roster_page()), ["supervisor", "supervisor", ""]);
+        assert!(faults.all().take(2).all(|fault| fault.detected_us.is_some_and(|us| us >= 1_000.0)));
     }
 
     #[test]

@@ -33,6 +33,7 @@ impl Faults {
             look_at_starts(fault, slot, viewer);
             end_shortage(fault, slot, now_ns, viewer);
             look_at_complaint(fault, slot, now_ns, viewer);
+            look_at_files(fault, slot, now_ns, viewer);
             if fault.is(FaultKind::Segfault)
                 && let Some(pid) = pid_of(fault, slot, viewer)
             {
@@ -161,6 +162,18 @@ fn look_at_complaint(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &mut Vi
     }
 }
 
+/// Looks whether one that can open no file was to open the page of a newcomer meanwhile: its own page says when that was last in vain.
+fn look_at_files(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &mut Viewer) {
+    let is_open = fault.is(FaultKind::NoFiles) && fault.detected_us.is_none() && fault.recovered_us.is_none();
+    if !is_open || viewer.page().incarnation(slot) != fault.incarnation {
+        return;
+    }
+    let in_vain_ns = viewer.slot_page(slot).map_or(0, |page| page.load64(header::UNOPENED_NS));
+    if (fault.injected_ns..=now_ns).contains(&in_vain_ns) {
+        fault.found_by(&slot.to_string(), in_vain_ns);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -245,6 +258,31 @@ mod tests {
         own.last_words("no room for the recording");
         let recorder = ("recorder".to_string(), Some(3_000.0));
         assert_eq!(found(&mut faults), [recorder, nobody.clone(), nobody], "not before it is full, and of this life alone");
+    }
+
+    /// Of 225 that could open no file nobody knew whether they had met anybody whom they were to open.
+    #[test]
+    fn one_that_can_open_no_file_is_found_by_the_newcomer_that_it_cannot_open() {
+        let (station, mut faults) = book("unopened");
+        let page = station.open_for_keeping().unwrap();
+        let slot = Slot::first(Role::Fluid);
+        let own = begin(&station, &page, slot, 7);
+        let mut viewer = Viewer::open(&station).unwrap();
+        let now_ns = system::now_ns();
+        for (kind, incarnation) in [("no-files", 7), ("no-files", 6), ("oom", 7)] {
+            faults.start(kind, slot, incarnation, now_ns - 3_000_000);
+        }
+        let mut found_at = |in_vain_ns: u64| {
+            own.store64(header::UNOPENED_NS, in_vain_ns);
+            faults.tend(now_ns, &mut viewer);
+            faults.all().map(|fault| (fault.detected_by.clone(), fault.detected_us)).collect::<Vec<_>>()
+        };
+        let nobody = (String::new(), None);
+        for other_ns in [0, now_ns - 4_000_000, now_ns + 1_000_000_000] {
+            assert_eq!(found_at(other_ns), vec![nobody.clone(); 3], "never, before it, and at a time that is not yet");
+        }
+        let itself = ("fluid:0".to_string(), Some(2_000.0));
+        assert_eq!(found_at(now_ns - 1_000_000), [itself, nobody.clone(), nobody]);
     }
 
     #[test]

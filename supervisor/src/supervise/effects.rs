@@ -105,6 +105,9 @@ impl Supervisor {
                 if !matches!(error, SpawnError::Gone(_)) {
                     journal::say(&self.station, &format!("cannot start {error}"));
                 }
+                if error.is_want_of_files() {
+                    self.faults.want_file(system::now_ns());
+                }
                 let no_room = matches!(error, SpawnError::Room(..));
                 if no_room {
                     self.cleaner.ask(system::now_ns()); // the dead may have what it needs

@@ -45,6 +45,7 @@ impl Supervisor {
     pub(super) fn note_holders(&mut self, now_ns: u64) {
         if self.holders.roster.mend_header() {
             self.holders.said_of_header.say(&self.station, now_ns, journal::ROSTER_MENDED);
+            self.faults.mended(&self.station.roster_page());
         }
         for (index, role) in Role::STATEFUL.into_iter().enumerate() {
             let tenure = self.holders.roster.holder(role);
@@ -76,10 +77,12 @@ impl Supervisor {
     pub(super) fn mend_headers(&mut self, now_ns: u64) {
         if self.page.mend_magic() {
             self.holders.said_of_header.say(&self.station, now_ns, journal::STATION_MENDED);
+            self.faults.mended(&self.station.station_page());
         }
         for slot in self.spawner.mend_seats() {
             let text = format!("the station's page did not say any more who {slot} is, and was mended");
             self.holders.said_of_header.say(&self.station, now_ns, &text);
+            self.faults.mended(&self.station.station_page());
         }
         for slot in self.slots.clone() {
             let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
@@ -89,6 +92,7 @@ impl Supervisor {
             if !dead && is_damaged && matches!(self.station.mend_slot(slot, incarnation), Ok(true)) {
                 let text = format!("the page of {slot} had a damaged header, which was mended");
                 self.holders.said_of_header.say(&self.station, now_ns, &text);
+                self.faults.mended(&self.station.slot_page(slot, incarnation));
             }
         }
     }
@@ -97,6 +101,7 @@ impl Supervisor {
     pub(super) fn note_said_dead(&mut self, slot: Slot) {
         let text = format!("the station's page said that {slot} is dead, which lives, and was mended");
         self.holders.said_of_header.say(&self.station, system::now_ns(), &text);
+        self.faults.mended(&self.station.station_page());
     }
 
     fn is_sound(&self, tenure: Tenure) -> bool {
@@ -129,6 +134,7 @@ impl Supervisor {
             "the roster named incarnation {incarnation} as holder of {name} in epoch {epoch}, which cannot be; it was mended"
         );
         self.holders.said_of_tenures.say(&self.station, now_ns, &text);
+        self.faults.mended(&self.station.roster_page());
         Some(mended)
     }
 

@@ -6,6 +6,8 @@ use hyst_exchange::{Links, OwnedPage, Station, Subscriber, system};
 use hyst_messages::mischief::{Mischief, Request, Thread};
 use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Kind, Role, Slot};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::os::fd::AsRawFd;
 
 const KIND: Kind = Kind::TissueState;
 const ME: u32 = 99;
@@ -172,5 +174,27 @@ fn an_usher_gets_on_again_and_again_unless_it_stands_still() {
         assert_eq!(rounds.count(), stood);
         house.keeper.store64(layout::MISCHIEF + mine.number(), 0);
         gets_on();
+    });
+}
+
+/// A fault that leaves an engine without files proved nothing: whether it had met anybody whom it was to open was told by nobody.
+#[test]
+fn who_has_no_descriptor_left_for_a_newcomer_says_when_and_meets_it_later() {
+    isolated(who_has_no_descriptor_left_for_a_newcomer_says_when_and_meets_it_later, |station| {
+        let mut house = house(station);
+        assert!(house.marker(0).is_empty());
+        let rounds = house.inbox.rounds();
+        assert_eq!(rounds.without_file_ns(), 0);
+        drop(station.create_slot(slot(Role::Tissue), 3).unwrap());
+        let begun = getrlimit(Resource::Nofile);
+        // The lowest that is free, and is again once this is closed.
+        let free = std::fs::File::open("/dev/null").unwrap().as_raw_fd() as u64;
+        setrlimit(Resource::Nofile, Rlimit { current: Some(free), ..begun }).unwrap();
+        let begun_ns = system::now_ns();
+        announce(&house.keeper, slot(Role::Tissue), 3);
+        until(|| (rounds.without_file_ns() >= begun_ns).then_some(()));
+        assert!(house.inbox.take().is_none());
+        setrlimit(Resource::Nofile, begun).unwrap();
+        assert_eq!(house.next().incarnation, 3);
     });
 }

@@ -69,6 +69,9 @@ pub const LEFT: usize = 42;
 pub const JOINED: usize = 43;
 /// The life latch of the owner's main thread, 8 words.
 pub const LATCH: usize = 44;
+/// When the owner last looked for a newcomer's page and had no file descriptor left to open it with, CLOCK_MONOTONIC ns; 0 if that never was.
+pub const UNOPENED_NS: usize = LATCH + 8;
+const _: () = assert!(UNOPENED_NS < WAKEUP);
 /// Histogram of wake-up latencies.
 pub const WAKEUP: usize = 64;
 /// Histogram of loop latencies.

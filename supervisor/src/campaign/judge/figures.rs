@@ -43,6 +43,8 @@ pub struct Figures {
     pub injected: usize,
     /// Those that showed: of what is only done from outside, those that somebody noticed.
     pub manifested: usize,
+    /// The same of the faults in whose recoveries, or hand-overs, they came.
+    pub first_manifested: usize,
     /// By what they were found.
     pub detected_by: BTreeMap<String, usize>,
     /// From the injection to its detection, ms, ascending.
@@ -160,6 +162,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.take_sequel(cell, outcome, known.blame);
+        figures.take_first(cell, outcome, known.blame);
         let taken = match (&outcome.fault, outcome.ending) {
             (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
             (_, Ending::Open) => figures.take_open(cell, known, outcome),

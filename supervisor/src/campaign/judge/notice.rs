@@ -2,7 +2,7 @@
 //! /dev/shm filled, is no sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound. What all of those together
 //! cost the hand is compared with their controls, and can break a promise.
 
-use super::blame::Sequel;
+use super::blame::{Blame, Sequel};
 use super::figures::Figures;
 use crate::campaign::cell::Cell;
 use crate::campaign::outcome::Outcome;
@@ -44,6 +44,13 @@ pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, S
     }
 }
 
+/// Whether who died in a full /dev/shm had nobody in his place before there was room again: whoever is to start then is not started.
+fn waited_for_room(first: &Fault, own: &Fault) -> bool {
+    let over_ns = |fault: &Fault| Some(fault.injected_ns + (fault.recovered_us? * 1e3) as u64);
+    let back = over_ns(own).zip(over_ns(first));
+    first.is(FaultKind::ShmFull) && own.dead && back.is_some_and(|(back_ns, room_ns)| back_ns >= room_ns)
+}
+
 /// What an output was that nobody took for a lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unfound {
@@ -65,6 +72,17 @@ pub(super) fn unfound(cell: &Cell, fault: &Fault, outcome: &Outcome) -> Option<U
 }
 
 impl Figures {
+    /// Adds whether the fault showed in whose recovery, or hand-over, another one came.
+    pub(super) fn take_first(&mut self, cell: &Cell, outcome: &Outcome, blame: &Blame) {
+        let Some((with, first)) = cell.with.as_ref().zip(outcome.with.as_ref()) else { return };
+        let is_noticed = || {
+            let (was_noticed, _) = notice(first, blame.sequel(outcome), blame.ended(outcome.index).is_some());
+            was_noticed || outcome.fault.as_ref().is_some_and(|own| waited_for_room(first, own))
+        };
+        let shows = first.manifested && (!with.kind.is_done_from_outside() || is_noticed());
+        self.first_manifested += usize::from(shows);
+    }
+
     /// Adds what was noticed of a fault that was done from outside, and what it cost; whether it was noticed.
     pub(super) fn take_notice(&mut self, cell: &Cell, fault: &Fault, index: usize, sequel: Sequel, has_ended: bool) -> bool {
         let (was_noticed, by) = notice(fault, sequel, has_ended);
