@@ -9,6 +9,8 @@ const LEAST_DIFFERING: usize = 10;
 const FAR: f64 = 3.09;
 /// Fewest stations by which alone the mean of what a fault costs is bounded: fewer may be alike by chance.
 const ENOUGH_STATIONS: usize = 10;
+/// Fewest stations by which it is bounded at all: what two differ by says nothing of a third, of which one may have had a handful of faults.
+const LEAST_STATIONS: usize = 3;
 /// Samples of the bootstrap.
 const SAMPLES: usize = 2_000;
 /// Seed of its draws: the same outcomes give the same bound.
@@ -40,8 +42,8 @@ pub fn together(stations: &[(usize, usize)]) -> Option<usize> {
 
 /// Below this lies, with some 95 %, the mean of what a fault costs, ticks: the 95th percentile of the means of as many stations drawn from these, each with all
 /// its faults (Efron, "Bootstrap methods: another look at the jackknife", Annals of Statistics 1979); of fewer than ten stations no less than that of as many
-/// faults, each drawn by itself. It is approximate, and rather too low than too high where a few costs are large: what none of them had is in no sample, so that
-/// it is 0, and no bound, where none cost anything. `None` of fewer than two faults.
+/// faults, each drawn by itself, and of fewer than three that alone. It is approximate, and rather too low than too high where a few costs are large: what none
+/// of them had is in no sample, so that it is 0, and no bound, where none cost anything. `None` of fewer than two faults.
 pub fn mean_upper95(stations: &[Vec<i64>]) -> Option<f64> {
     let here: Vec<(i64, usize)> =
         stations.iter().map(|costs| (costs.iter().sum(), costs.len())).filter(|(_, faults)| *faults > 0).collect();
@@ -50,7 +52,7 @@ pub fn mean_upper95(stations: &[Vec<i64>]) -> Option<f64> {
         return by_stations;
     }
     let faults: Vec<(i64, usize)> = stations.iter().flatten().map(|cost| (*cost, 1)).collect();
-    by_stations.into_iter().chain(drawn_upper95(&faults)).reduce(f64::max)
+    by_stations.filter(|_| here.len() >= LEAST_STATIONS).into_iter().chain(drawn_upper95(&faults)).reduce(f64::max)
 }
 
 /// The 95th percentile of the means of as many as these drawn from them, each with its cost, ticks, and the number of its faults. `None` of fewer than two.
@@ -95,6 +97,9 @@ mod tests {
     fn the_mean_is_bounded_by_its_stations() {
         assert_eq!(mean_upper95(&[vec![1, 1], vec![1], vec![], vec![1, 1, 1]]), Some(1.0));
         assert_eq!((mean_upper95(&[vec![5, 9]]), mean_upper95(&[vec![5], vec![]])), (Some(9.0), None));
+        // A second station that had two faults: half of all samples of two stations have no other.
+        let two = [[vec![1; 30], vec![0; 68]].concat(), vec![1, 0]];
+        assert!(mean_upper95(&two).is_some_and(|bound| bound < 0.4), "{:?}", mean_upper95(&two));
         // Of ten stations one lost 40 ticks of ten faults: it is drawn 0 to 4 times in nearly all samples, at least three times in 7 % of them.
         let mut stations = vec![vec![0; 10]; 10];
         stations[3][7] = 40;
