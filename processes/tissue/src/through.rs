@@ -69,7 +69,7 @@ impl Through {
         self.before_m.resize(tool, [0.0; 3]);
         self.entered.resize(tool, None);
         self.missed.clear();
-        self.missed.reserve(tool);
+        self.missed.reserve(2 * tool);
         self.near.clear();
         self.near.reserve(world.topology.boundary.len());
         self.held.clear();
@@ -111,6 +111,9 @@ impl Through {
             }
             let of_point = hits[next..].iter().take_while(|hit| hit.point as usize == point);
             let is_in = |known: &Memory| of_point.clone().any(|hit| tissue.tet_owner.get(hit.tet as usize) == Some(&known.owner));
+            if tool.spares(world, point as u32, Some(&memory.owner)) {
+                *memory = Memory::default();
+            }
             let known = Some(*memory).filter(|known| known.direction != [0.0; 3]);
             let entered = self.entered[point].filter(|entered| faces(world, tool, point, entered)).map(|entered| Memory {
                 owner: world.topology.boundary_owner[entered.triangle as usize],
@@ -118,12 +121,16 @@ impl Through {
                 depth_m: 0.0,
                 bent_m: [0.0; 3],
             });
-            let is_in_known = known.is_some_and(|known| is_in(&known));
-            if let Some(entered) = entered.filter(|entered| !is_in_known && is_in(entered)) {
+            let entered = entered.filter(|entered| !tool.spares(world, point as u32, Some(&entered.owner)));
+            if known.is_some_and(|known| is_in(&known)) {
+                continue; // what it passes meanwhile lies within that
+            }
+            if let Some(entered) = entered.filter(&is_in) {
                 *memory = entered;
             }
-            let passed = if is_in_known { entered } else { known.or(entered) };
-            self.miss(point, passed.filter(|passed| !is_in(passed)), tool);
+            // One that has come out of what it knew may have gone through something else in the same step.
+            let passed = [known, entered].into_iter().flatten().filter(|passed| !is_in(passed));
+            passed.for_each(|passed| self.miss(point, passed, tool));
         }
         Ok(())
     }
@@ -148,8 +155,8 @@ impl Through {
 
     /// Notes a point that does not lie in an object but came into it with this known. The face that it came in by is as far away now as it has not come back
     /// out, and as face and tissue may have changed on its way along it.
-    fn miss(&mut self, point: usize, known: Option<Memory>, tool: &ToolMotion<'_>) {
-        let (Some(known), Some(place)) = (known, tool.points_m.get(point)) else { return };
+    fn miss(&mut self, point: usize, known: Memory, tool: &ToolMotion<'_>) {
+        let Some(place) = tool.points_m.get(point) else { return };
         let Some(out) = Vec3::from(known.direction).try_normalize() else { return };
         let way = Vec3::from(*place) - Vec3::from(self.before_m[point]);
         let along_m = way.dot(out);
@@ -178,6 +185,9 @@ impl Through {
         }
         let mut room = found.iter_mut();
         for missed in &self.missed {
+            if self.held.last() == Some(&missed.point) {
+                continue; // by what it knew
+            }
             let (from, owner) = (place(missed), missed.owner);
             let to = from + missed.out * missed.reach_m;
             let of_owner = self.near.iter().copied().filter(|triangle| topology.boundary_owner[*triangle as usize] == owner);

@@ -7,6 +7,11 @@
 use crate::topology::FACES;
 use glam::Vec3;
 
+/// A face has at least this share of the square of its corners' distance, seen along the way: a thousand times what rounding makes of that.
+const SEEN: f32 = 1e-4;
+/// By what share of a face a way may miss it that goes through: rounding.
+const ROUNDING: f32 = 1e-3;
+
 /// A flat tet and the way through it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Flat<'a> {
@@ -34,6 +39,15 @@ impl Flat<'_> {
             }
         }
         best.map(|(_, face)| face)
+    }
+
+    /// Whether the way goes through a face, and that is not seen from its edge, where all that is asked of it is rounding.
+    pub fn covers(&self, face: usize) -> bool {
+        let areas = self.areas(face);
+        let sum = areas.element_sum();
+        let farthest = FACES[face].map(|corner| Vec3::from_array(self.corners[corner]).distance_squared(self.at));
+        let largest = farthest.into_iter().fold(0.0, f32::max) * self.way.length();
+        sum.abs() > SEEN * largest && (areas * sum.signum()).min_element() >= -ROUNDING * sum.abs()
     }
 
     /// How far beyond the place the way goes through a face, as a share of the whole way; no number for a face that is seen from its edge.

@@ -51,7 +51,7 @@ pub use hash_read::HashRef;
 pub use intersect::intersect;
 pub use near::{Gap, find_gaps};
 pub use penetrate::{Workspace, penetration};
-pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source};
+pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source, Spared};
 pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
 pub use shallow::own_face;
 pub use sink::{merge, room_of_share};

@@ -10,7 +10,7 @@
 //! wall that was pierced.
 
 use crate::error::same_length;
-use crate::penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Source};
+use crate::penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Source, Spared};
 use crate::topology::{NONE, Normals};
 use crate::types::{Found, Hit, Tissue};
 use crate::walk::exit_along;
@@ -275,14 +275,14 @@ impl Step<'_> {
 
     /// Keeps each point's direction for the next tick; a fallback keeps what was known before.
     fn remember(&mut self) {
-        let (hits, tissue, found) = (self.hits, &self.input.tissue, &self.work.found);
+        let (hits, tissue, found, spared) = (self.hits, &self.input.tissue, &self.work.found, &self.params.spared);
         let mut next = 0;
         for (point, memory) in self.memory.iter_mut().enumerate() {
             while next < hits.len() && (hits[next].point as usize) < point {
                 next += 1;
             }
             let end = next + hits[next..].iter().take_while(|hit| hit.point as usize == point).count();
-            let Some(h) = to_remember(&hits[next..end], &found[next..end], tissue, memory) else {
+            let Some(h) = to_remember((&hits[next..end], &found[next..end]), tissue, spared, memory) else {
                 *memory = Memory::default();
                 continue;
             };
@@ -305,15 +305,21 @@ const NEAR_M: f32 = 1.0e-6;
 /// An object that a point lies in so much deeper than in another one it came into first, metres: more than depths differ by where it just touches both.
 const FIRST_BY_M: f32 = 2.5e-4;
 
-/// Which of the hits of a point is remembered: that in the object that it knows, else the first one; but one in an object that it came into first, which it
-/// may leave by the far side while it is still in the other. `None` if there are none.
-fn to_remember(hits: &[Hit], ways: &[Way], tissue: &Tissue<'_>, memory: &Memory) -> Option<usize> {
-    hits.first()?;
-    let is_known = |hit: &Hit| memory.direction != [0.0; 3] && memory.owner == tissue.owner(hit.tet);
-    let known = hits.iter().position(is_known).unwrap_or(0);
+/// Which of the hits of a point is remembered: that in the object that it knows, else the first that has a sure way out; but one in an object that it came into
+/// first, which it may leave by the far side while it is still in the other. What is known stays so where its way out is lost for a step. `None` if there are
+/// none, but in objects that it does not meet.
+fn to_remember((hits, ways): (&[Hit], &[Way]), tissue: &Tissue<'_>, spared: &Spared<'_>, memory: &Memory) -> Option<usize> {
+    let is_met = |h: &usize| !spared.holds(hits[*h].point, tissue.owner(hits[*h].tet));
+    let is_known = |h: &usize| memory.direction != [0.0; 3] && memory.owner == tissue.owner(hits[*h].tet);
     let is_sure = |h: &usize| ways[*h].source != Source::Fallback as u32;
-    let deepest = (0..hits.len()).filter(is_sure).max_by(|a, b| ways[*a].depth_m.total_cmp(&ways[*b].depth_m));
-    Some(deepest.filter(|h| ways[*h].depth_m > ways[known].depth_m + FIRST_BY_M).unwrap_or(known))
+    let met = (0..hits.len()).filter(is_met);
+    let known = met.clone().find(is_known);
+    if let Some(known) = known.filter(|known| !is_sure(known)) {
+        return Some(known);
+    }
+    let first = known.or_else(|| met.clone().find(is_sure)).or_else(|| met.clone().next())?;
+    let deepest = met.filter(is_sure).max_by(|a, b| ways[*a].depth_m.total_cmp(&ways[*b].depth_m));
+    Some(deepest.filter(|h| ways[*h].depth_m > ways[first].depth_m + FIRST_BY_M).unwrap_or(first))
 }
 
 /// Mean of unit vectors from their weighted sum; `None` where they cancel.

@@ -68,6 +68,24 @@ pub struct PenetrationParams<'a> {
     pub max_depth_m: f32,
     /// Ways back, one for each rigid object.
     pub retreats: &'a [Retreat],
+    /// What of the hits nobody is to remember.
+    pub spared: Spared<'a>,
+}
+
+/// Objects that some points lie in and do not meet, as jaws do what they hold.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spared<'a> {
+    /// The first of these points, and the one after the last.
+    pub points: [u32; 2],
+    /// Numbers of the objects.
+    pub objects: &'a [u32],
+}
+
+impl Spared<'_> {
+    /// Whether a point does not meet an object.
+    pub fn holds(&self, point: u32, object: u32) -> bool {
+        (self.points[0]..self.points[1]).contains(&point) && self.objects.contains(&object)
+    }
 }
 
 /// What the step reads.

@@ -8,12 +8,9 @@ use crate::topology::{FACES, NONE, Topology};
 use crate::types::Tissue;
 use glam::Vec3;
 
-/// Tets on one way through a mesh of so many, at most. Along the diagonal of a cube it meets some six times their cube root, and of a body that is ten times as
-/// long as wide three times as many. Ends a walk that goes round in folded tissue.
-fn most_steps(tets: usize) -> usize {
-    const LEAST: usize = 192;
-    LEAST.max(3 * tets.isqrt())
-}
+/// Tets one after the other in which a way gets no farther, at most: more than meet at an edge. A walk that goes round in folded tissue gets no farther from its
+/// second turn on.
+const MOST_STILL: usize = 32;
 
 /// A crossing of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,13 +34,16 @@ pub(crate) fn exit_along(
     (from, to): (Vec3, Vec3),
 ) -> Option<Exit> {
     let (mut tet, mut entry, mut reached) = (start, NONE, 0f32);
-    for _ in 0..most_steps(tissue.tets.len()) {
+    let (mut farthest, mut still) = (0f32, 0);
+    while still < MOST_STILL {
         let (corners, neighbours) = (tissue.corners(tet), topology.neighbours.get(tet as usize)?);
         let came_in = |face: usize| entry != NONE && neighbours[face] == entry;
         let Some(test) = TetTest::new(&corners) else {
             let flat = Flat { corners: &corners, at: from.lerp(to, reached), way: to - from };
             let face = flat.way_out(came_in).filter(|_| entry != NONE)?;
-            reached = reached.max(reached + flat.beyond(face));
+            if flat.covers(face) {
+                reached = reached.max(reached + flat.beyond(face));
+            }
             if reached > 1.0 {
                 return None;
             }
@@ -51,7 +51,7 @@ pub(crate) fn exit_along(
                 let on_face = (flat.outward(face), flat.weights(face));
                 return crossing(tissue, normal, on_face, (tet, face), from.lerp(to, reached));
             }
-            (entry, tet) = (tet, neighbours[face]);
+            (entry, tet, still) = (tet, neighbours[face], still + 1);
             continue;
         };
         let (at_from, at_to) = (test.weights_at(from.to_array()), test.weights_at(to.to_array()));
@@ -74,6 +74,7 @@ pub(crate) fn exit_along(
             return crossing(tissue, normal, on_face, (tet, face), point_m);
         }
         (entry, tet) = (tet, neighbours[face]);
+        (farthest, still) = if reached > farthest { (reached, 0) } else { (farthest, still + 1) };
     }
     None
 }

@@ -199,6 +199,21 @@ fn of_two_objects_a_point_remembers_the_one_that_it_came_into_first() {
     assert!(is_like(&within[0], (1, 1, 0.5 * MM)) && is_like(&within[1], (2, 1, 2.1 * MM)), "{within:?}");
 }
 
+/// Jaws that lie in what they hold and in the wall behind it knew what they held alone, and rubbed on nothing.
+#[test]
+fn what_a_point_does_not_meet_it_does_not_remember() {
+    let remembered = |spared: &[u32]| {
+        let mut poke = poke_with_slab(-1.5 * MM);
+        poke.spared = spared.to_vec();
+        let tool = tool_at([0.3 * MM, 0.1 * MM, 0.3 * MM]);
+        let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
+        assert_eq!(out.iter().filter(|found| found.point == 0).count(), 2, "it lies in both");
+        poke.memory[0]
+    };
+    assert_eq!([&[][..], &[2], &[1]].map(|spared| remembered(spared).owner), [2, 1, 2]);
+    assert_eq!(remembered(&[1, 2]), Memory::default());
+}
+
 #[test]
 fn topology_joins_all_inner_faces_and_bounds_the_block() {
     let (positions_m, tets) = wall();

@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Capsule, Poke, block};
+use glam::Vec3;
 use hyst_contact::*;
 
 const MM: f32 = 1e-3;
@@ -76,6 +77,22 @@ fn a_sliver_at_the_surface_has_its_outside_where_the_way_leads_out() {
     let out = Poke::new(positions_m, tets, &column).depths(&column.points_m, [0.0; 3]);
     assert_eq!((out.len(), out[0].source), (1, Source::Border as u32));
     assert!(out[0].direction[2] > 0.9 && (out[0].depth_m / (0.5 * MM * out[0].direction[2]) - 1.0).abs() < 1e-3, "{out:?}");
+}
+
+/// A sliver that is seen from its edge says nothing of how far the way has come: it was taken for up to its length of it.
+#[test]
+fn a_way_in_the_plane_of_a_sliver_ends_where_the_tissue_does() {
+    for height_m in [SLIVER_M, -SLIVER_M, 0.1 * SLIVER_M] {
+        for [y, tilt] in [[0.2f32, 0.0], [-0.4, 0.0], [0.1, 2e-5], [-0.3, 2e-5], [-0.3, 2e-3]] {
+            let (positions_m, tets) = with_sliver(height_m);
+            let (point, retreat) = ([0.0, y * MM, -1e-8], Vec3::new(1.0, 0.0, tilt).normalize());
+            let tool = points(vec![point], false);
+            let out = Poke::new(positions_m, tets, &tool).depths(&tool.points_m, retreat.to_array());
+            let side_m = SIDE_M / 2.0;
+            let is_at_side = |found: &Penetration| found.depth_m > 0.0 && found.depth_m < side_m * 1.01;
+            assert!(out.len() == 1 && out.iter().all(is_at_side), "{height_m}, {y} mm, {tilt}: {out:?}");
+        }
+    }
 }
 
 /// Three tets in each of 80 cubes: ways ended after 192, and the point left to a side.

@@ -169,6 +169,8 @@ pub struct Poke {
     pub graph: PointGraph,
     pub owner: Vec<u32>,
     pub memory: Vec<Memory>,
+    /// What none of the points meets.
+    pub spared: Vec<u32>,
     pub work: Workspace,
 }
 
@@ -183,6 +185,7 @@ impl Poke {
             graph: PointGraph::from_edges(n, &tool.edges),
             owner: vec![TOOL; n],
             memory: vec![Memory::default(); n],
+            spared: Vec::new(),
             work: Workspace::new(n, 2 * n, positions_m.len()),
             positions_m,
             tets,
@@ -200,11 +203,13 @@ impl Poke {
 
     pub fn depths(&mut self, points_m: &[[f32; 3]], retreat: [f32; 3]) -> Vec<Penetration> {
         let hits = hits(points_m, &self.points(), &self.tissue(), 0.004);
-        let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work } = self;
+        let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work, spared } = self;
         let points = Points { owner, node: &[], own: None };
         let tissue = Tissue { positions_m, tets, tet_owner };
         let input = PenetrationInput { hits: &hits, points_m, points, graph, tissue, topology };
-        let params = PenetrationParams { max_depth_m: 0.015, retreats: &[Retreat { owner: TOOL, direction: retreat }] };
+        let (retreats, spared) =
+            ([Retreat { owner: TOOL, direction: retreat }], Spared { points: [0, u32::MAX], objects: spared });
+        let params = PenetrationParams { max_depth_m: 0.015, retreats: &retreats, spared };
         let mut out = vec![Penetration::default(); hits.len()];
         assert_eq!(penetration(&input, &params, memory, work, &mut out).unwrap().dropped, 0);
         out

@@ -111,7 +111,7 @@ impl Tick {
             tissue: self.body.tissue(),
             topology: &self.body.topology,
         };
-        let params = PenetrationParams { max_depth_m: 15.0 * MM, retreats: &[] };
+        let params = PenetrationParams { max_depth_m: 15.0 * MM, retreats: &[], spared: Spared::default() };
         let (memory, work) = (&mut self.memory, &mut self.work);
         let found = penetration(&input, &params, memory, work, &mut self.depths).unwrap();
         assert_eq!(found.count, self.found);
