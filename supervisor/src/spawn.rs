@@ -21,6 +21,7 @@ use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
 pub use room::{LEAST_FREE, is_full};
+use rustix::io::Errno;
 use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
 use seat::Seat;
 use std::collections::BTreeMap;
@@ -62,7 +63,11 @@ pub enum SpawnError {
 impl SpawnError {
     /// Whether this process had no file descriptor left for it.
     pub fn is_want_of_files(&self) -> bool {
-        matches!(self, SpawnError::Page(_, error) if error.is_want_of_files())
+        match self {
+            SpawnError::Page(_, error) => error.is_want_of_files(),
+            SpawnError::Process { source, .. } => source.raw_os_error() == Some(Errno::MFILE.raw_os_error()),
+            _ => false,
+        }
     }
 }
 
@@ -218,9 +223,15 @@ impl Spawner {
 
     fn watch(&self, slot: Slot, incarnation: u32, pid: u32, spawned_ns: u64) -> Result<Ward, SpawnError> {
         let process = proc::pid(pid).ok_or(SpawnError::Gone(slot))?;
-        let pidfd = rustix::process::pidfd_open(process, PidfdFlags::empty()).map_err(|_| SpawnError::Gone(slot))?;
+        let pidfd = rustix::process::pidfd_open(process, PidfdFlags::empty()).map_err(|error| self.unwatched(slot, error))?;
         let page = self.station.read_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?;
         Ok(Ward::new(slot, incarnation, pid, pidfd, page, spawned_ns))
+    }
+
+    /// Why a process has no descriptor to be watched by.
+    fn unwatched(&self, slot: Slot, error: Errno) -> SpawnError {
+        let path = || self.plan.binary(slot.role()).display().to_string();
+        if error == Errno::MFILE { SpawnError::Process { slot, path: path(), source: error.into() } } else { SpawnError::Gone(slot) }
     }
 
     /// Takes over an incarnation that a supervisor before this one started; `None` if it is not alive.
