@@ -181,7 +181,8 @@ impl Spawner {
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // No layers that search for devices, and no threads of the software rasterizer beside its queue's: pictures give way to the
             // engines, and such a thread unlocks a fence that another may have freed (docs/faults.md).
-            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1"), (proc::MARK, self.station.name())])
+            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1")])
+            .env(proc::MARK, proc::mark_of(&self.station, incarnation))
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)
