@@ -198,7 +198,7 @@ mod tests {
         let (mut engine, started) = with_started(&proc::mark_of(&station, 7), "exit 0");
         engine.wait().unwrap();
         assert_eq!((name_of(&station, started), proc::started_by(started, &station)), (Some("unregistered".into()), Some(7)));
-        assert_eq!(strays(&station, &[7]), [], "what has left the group of one that lives is no stray");
+        assert_eq!(strays(&station, &[7]), Vec::<Living>::new(), "what has left the group of one that lives is no stray");
         assert_eq!(strays(&station, &[6, 70]).iter().map(|stray| stray.pid).collect::<Vec<_>>(), [started]);
         assert_eq!(kill_all(&station, || {}), ["unregistered"]);
         await_end(started);

@@ -231,8 +231,10 @@ impl Spawner {
 
     /// Why a process has no descriptor to be watched by.
     fn unwatched(&self, slot: Slot, error: Errno) -> SpawnError {
-        let path = || self.plan.binary(slot.role()).display().to_string();
-        if error == Errno::MFILE { SpawnError::Process { slot, path: path(), source: error.into() } } else { SpawnError::Gone(slot) }
+        if error != Errno::MFILE {
+            return SpawnError::Gone(slot);
+        }
+        SpawnError::Process { slot, path: self.plan.binary(slot.role()).display().to_string(), source: error.into() }
     }
 
     /// Takes over an incarnation that a supervisor before this one started; `None` if it is not alive.
@@ -346,5 +348,18 @@ fn exit_of(status: i32) -> Exit {
         (Some(code), _) => Exit::Code(code),
         (None, Some(signal)) => Exit::Signal(signal),
         (None, None) => Exit::Unknown,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the page alone it was known.
+    #[test]
+    fn who_can_open_no_file_says_so_of_a_log_and_of_a_process_too() {
+        let slot = Slot::first(Role::Fluid);
+        let of = |errno: Errno| SpawnError::Process { slot, path: "fluid".into(), source: errno.into() }.is_want_of_files();
+        assert_eq!([of(Errno::MFILE), of(Errno::NOENT), SpawnError::Gone(slot).is_want_of_files()], [true, false, false]);
     }
 }

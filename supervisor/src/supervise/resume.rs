@@ -113,8 +113,8 @@ impl Supervisor {
     /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page, or an engine that had started them
     /// died while nobody watched. What these have started, which live, is theirs.
     fn end_strays(&self, adopted: &[(Slot, u32)]) {
-        let living: Vec<u32> = adopted.iter().map(|(_, incarnation)| *incarnation).collect();
-        for living in crate::remains::strays(&self.station, &living) {
+        let starters: Vec<u32> = adopted.iter().map(|(_, incarnation)| *incarnation).collect();
+        for living in crate::remains::strays(&self.station, &starters) {
             crate::proc::end(None, living.pid);
             journal::say(&self.station, &format!("process {} belonged to no slot and was ended", living.pid));
         }
