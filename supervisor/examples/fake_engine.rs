@@ -146,7 +146,7 @@ fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
             leaked.push(vec![1; LEAK_BYTES]);
         }
         // Not before it is known who holds the role, and no more than the machine has room for.
-        if vices.floods && slot.index() == 0 && (500..660).contains(&page.load64(header::STEPS)) {
+        if vices.floods && slot.index() == 0 && (500..580).contains(&page.load64(header::STEPS)) {
             let _ = std::io::stderr().write_all("x".repeat(FLOOD_BYTES).as_bytes()); // whether there is room for it or not
         }
         if vices.opens && slot.index() == 0 && tick.is_multiple_of(10) {

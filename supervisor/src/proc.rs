@@ -14,7 +14,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command};
 
 pub use hyst_engine::verify::{await_end, end_group, wait_unless, wait_within};
-pub use members::{MARK, belongs, group, of_incarnation, of_station, of_user};
+pub use members::{MARK, belongs, group, mark_of, of_incarnation, of_station, of_user, started_by};
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;

@@ -62,9 +62,10 @@ pub fn living(station: &Station) -> Vec<Living> {
     };
     let known = found.clone();
     let keepers = [Role::Guardian.name(), Role::Supervisor.name()]; // in a guardian's group others of the user may be
+    let leaders: Vec<&Living> = known.iter().filter(|living| !keepers.contains(&living.name.as_str())).collect();
     for pid in proc::of_user().filter(|pid| known.iter().all(|living| living.pid != *pid)) {
-        let group = proc::group(pid);
-        let leader = known.iter().find(|living| group == Some(living.pid) && !keepers.contains(&living.name.as_str()));
+        let group = if leaders.is_empty() { None } else { proc::group(pid) };
+        let leader = leaders.iter().find(|leader| group == Some(leader.pid));
         if (leader.is_some() || proc::belongs(pid, station))
             && let Some(start) = system::process_start(pid)
         {
@@ -74,6 +75,12 @@ pub fn living(station: &Station) -> Vec<Living> {
     }
     found.retain(|living| living.pid != std::process::id());
     found
+}
+
+/// Processes of a station that are in no slot and in nobody's group, and that none of these incarnations, which live, has started.
+pub fn strays(station: &Station, incarnations: &[u32]) -> Vec<Living> {
+    let is_theirs = |pid: u32| proc::started_by(pid, station).is_some_and(|starter| incarnations.contains(&starter));
+    living(station).into_iter().filter(|living| living.name == "unregistered" && !is_theirs(living.pid)).collect()
 }
 
 /// Waits until a process that was killed is dead, a second at most: the supervisor, which waits, does not beat meanwhile.
@@ -188,12 +195,27 @@ mod tests {
     #[test]
     fn what_a_dead_engine_had_started_is_known_by_its_environment_and_ended_with_the_station() {
         let station = founded("mark");
-        let (mut engine, started) = with_started(station.name(), "exit 0");
+        let (mut engine, started) = with_started(&proc::mark_of(&station, 7), "exit 0");
         engine.wait().unwrap();
-        assert_eq!(name_of(&station, started), Some("unregistered".into()));
+        assert_eq!((name_of(&station, started), proc::started_by(started, &station)), (Some("unregistered".into()), Some(7)));
+        assert_eq!(strays(&station, &[7]), Vec::<Living>::new(), "what has left the group of one that lives is no stray");
+        assert_eq!(strays(&station, &[6, 70]).iter().map(|stray| stray.pid).collect::<Vec<_>>(), [started]);
         assert_eq!(kill_all(&station, || {}), ["unregistered"]);
         await_end(started);
         assert_eq!(living(&station), Vec::<Living>::new());
+        station.wipe();
+    }
+
+    /// A shell with the station's name in that variable was killed, and whatever had been started from it.
+    #[test]
+    fn who_has_the_name_alone_in_its_environment_is_nobody_of_the_station() {
+        let station = founded("shell");
+        for mark in [station.name(), &format!("{}-b/7", station.name()), &format!("{}/seven", station.name())] {
+            let (mut shell, started) = with_started(mark, "wait");
+            assert_eq!([shell.id(), started].map(|pid| name_of(&station, pid)), [None, None], "{mark}");
+            proc::end_group(shell.id());
+            shell.wait().unwrap();
+        }
         station.wipe();
     }
 

@@ -3,6 +3,7 @@
 use crate::case::RunCase;
 use crate::cli::RunArgs;
 use crate::faultfile::{self, Injection};
+use crate::neighbours;
 use crate::plan::{self, Plan};
 use crate::recording::folder;
 use hyst_engine::Settings;
@@ -107,7 +108,7 @@ pub fn prepare(
         check_lockstep(&mut settings)?;
     }
     check_outputs(args, &settings)?;
-    let faults = read_faults(args)?;
+    let faults = read_faults(args, station, settings.record.as_deref())?;
     let spares = settings.switch("spares", true).map_err(|e| Refusal::input(e.to_string()))?;
     let roles = args
         .roles
@@ -275,14 +276,18 @@ fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {
     Ok(())
 }
 
-fn read_faults(args: &RunArgs) -> Result<Vec<Injection>, Refusal> {
+fn read_faults(args: &RunArgs, station: &Station, record: Option<&Path>) -> Result<Vec<Injection>, Refusal> {
     let Some(path) = &args.station.faults else {
         return Ok(Vec::new());
     };
     if !args.station.test_mode {
         return Err(Refusal::input("--faults: faults are injected in test mode alone; add --test-mode"));
     }
-    Ok(faultfile::read(path).map_err(|e| Refusal::input(e.to_string()))?.fault)
+    let faults = faultfile::read(path).map_err(|e| Refusal::input(e.to_string()))?.fault;
+    for kind in faults.iter().map(|fault| fault.kind) {
+        neighbours::check_begun(station, record, kind).map_err(|reason| Refusal::input(format!("--faults: {reason}")))?;
+    }
+    Ok(faults)
 }
 
 /// The keys that `--set` takes, one a line.

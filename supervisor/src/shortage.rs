@@ -1,11 +1,10 @@
 //! What runs short on request: the memory and the files that a process may have (its soft limits are lowered to what it uses), and the room on the
 //! disk of the recording or in /dev/shm (a ballast file takes what is free).
 //!
-//! Promise: a file system with much room is never filled, nor one on which another station trains; the ballast is topped up only while its file is there, and
+//! Promise: a file system with much room is never filled; the ballast is topped up only while its file is there, and
 //! what was lowered is remembered, so that it can be put back. Only soft limits are touched: putting one back needs no right that lowering it did not need.
 
 use crate::faultfile::FaultKind;
-use crate::neighbours;
 use hyst_engine::Settings;
 use hyst_exchange::{Station, system};
 use rustix::fs::FallocateFlags;
@@ -107,20 +106,21 @@ pub fn ballast(station: &Station, kind: FaultKind) -> Option<PathBuf> {
     }
 }
 
-/// Whether a station's file system may be filled for a kind; whatever has no ballast may be.
+/// Whether a station's file system has little enough room to be filled for a kind; whatever has no ballast may be. Who else has it is asked by whoever asks for the
+/// fault (`neighbours::check_for`), since the supervisor has no time for it.
 pub fn check(station: &Station, kind: FaultKind) -> Result<(), String> {
     if !matches!(kind, FaultKind::DiskFull | FaultKind::ShmFull) {
         return Ok(());
     }
     let path = ballast(station, kind).ok_or("disk-full: this station records nothing; start it with --record")?;
-    check_folder(path.parent().unwrap_or(Path::new("/")), kind, Some(station))
+    check_folder(path.parent().unwrap_or(Path::new("/")), kind)
 }
 
-/// Whether the file system of a folder may be filled: it has little room, and nobody but `own` trains on it.
-pub fn check_folder(folder: &Path, kind: FaultKind, own: Option<&Station>) -> Result<(), String> {
+/// Whether the file system of a folder has little enough room to be filled.
+pub fn check_folder(folder: &Path, kind: FaultKind) -> Result<(), String> {
     let free = free_bytes(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     if free <= MOST_FREE_BYTES {
-        return neighbours::check(folder, kind, own);
+        return Ok(());
     }
     Err(format!(
         "{}: {} has {} MiB free, and at most {} MiB are filled; {}",

@@ -21,6 +21,7 @@ use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
 pub use room::{LEAST_FREE, is_full};
+use rustix::io::Errno;
 use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
 use seat::Seat;
 use std::collections::BTreeMap;
@@ -62,7 +63,11 @@ pub enum SpawnError {
 impl SpawnError {
     /// Whether this process had no file descriptor left for it.
     pub fn is_want_of_files(&self) -> bool {
-        matches!(self, SpawnError::Page(_, error) if error.is_want_of_files())
+        match self {
+            SpawnError::Page(_, error) => error.is_want_of_files(),
+            SpawnError::Process { source, .. } => source.raw_os_error() == Some(Errno::MFILE.raw_os_error()),
+            _ => false,
+        }
     }
 }
 
@@ -176,7 +181,8 @@ impl Spawner {
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // No layers that search for devices, and no threads of the software rasterizer beside its queue's: pictures give way to the
             // engines, and such a thread unlocks a fence that another may have freed (docs/faults.md).
-            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1"), (proc::MARK, self.station.name())])
+            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1")])
+            .env(proc::MARK, proc::mark_of(&self.station, incarnation))
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)
@@ -218,9 +224,17 @@ impl Spawner {
 
     fn watch(&self, slot: Slot, incarnation: u32, pid: u32, spawned_ns: u64) -> Result<Ward, SpawnError> {
         let process = proc::pid(pid).ok_or(SpawnError::Gone(slot))?;
-        let pidfd = rustix::process::pidfd_open(process, PidfdFlags::empty()).map_err(|_| SpawnError::Gone(slot))?;
+        let pidfd = rustix::process::pidfd_open(process, PidfdFlags::empty()).map_err(|error| self.unwatched(slot, error))?;
         let page = self.station.read_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?;
         Ok(Ward::new(slot, incarnation, pid, pidfd, page, spawned_ns))
+    }
+
+    /// Why a process has no descriptor to be watched by.
+    fn unwatched(&self, slot: Slot, error: Errno) -> SpawnError {
+        if error != Errno::MFILE {
+            return SpawnError::Gone(slot);
+        }
+        SpawnError::Process { slot, path: self.plan.binary(slot.role()).display().to_string(), source: error.into() }
     }
 
     /// Takes over an incarnation that a supervisor before this one started; `None` if it is not alive.
@@ -334,5 +348,18 @@ fn exit_of(status: i32) -> Exit {
         (Some(code), _) => Exit::Code(code),
         (None, Some(signal)) => Exit::Signal(signal),
         (None, None) => Exit::Unknown,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the page alone it was known.
+    #[test]
+    fn who_can_open_no_file_says_so_of_a_log_and_of_a_process_too() {
+        let slot = Slot::first(Role::Fluid);
+        let of = |errno: Errno| SpawnError::Process { slot, path: "fluid".into(), source: errno.into() }.is_want_of_files();
+        assert_eq!([of(Errno::MFILE), of(Errno::NOENT), SpawnError::Gone(slot).is_want_of_files()], [true, false, false]);
     }
 }

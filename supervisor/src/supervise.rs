@@ -339,6 +339,8 @@ impl Supervisor {
             () => {}
         };
         if !is_urgent {
+            // Its successor appends to the same file, and would be taken for who has flooded it.
+            journal::keep_small(&self.station, &[slot]);
             tell(self);
         }
         let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
@@ -348,6 +350,7 @@ impl Supervisor {
             system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
         }
         if is_urgent {
+            journal::keep_small(&self.station, &[slot]);
             tell(self);
         }
     }

@@ -235,10 +235,13 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
                 || ward.apart && proc::has_ended(&ward.pidfd);
             if is_dead {
                 mark_dead(page, ward);
-                proc::end_group(ward.pid); // of one that was adopted, too, which others reap: its number is nobody else's so soon
                 let Ward { slot, incarnation, pid, open_ns, .. } = *ward;
                 let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
                 tell(Notice::Died { slot, incarnation, pid, at_ns: now_ns, open_ns, beat_ns });
+                // Of one that was adopted, too, which others reap: whoever lives under that number by now is somebody else.
+                if system::process_start(pid).is_none() {
+                    proc::end_group(pid);
+                }
             }
             !is_dead
         });

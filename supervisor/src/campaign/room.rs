@@ -2,7 +2,7 @@
 
 use super::file::Campaign;
 use crate::faultfile::FaultKind;
-use crate::shortage;
+use crate::{neighbours, shortage};
 use hyst_exchange::Station;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,11 @@ pub(super) fn check(campaign: &Campaign, report: Option<&Path>) -> Result<(), St
     // A folder that is made for the results lies where its nearest ancestor does.
     let results = report.map_or_else(std::env::temp_dir, |path| std::path::absolute(path).unwrap_or_else(|_| path.into()));
     let results = results.ancestors().find(|path| path.is_dir()).unwrap_or(Path::new("/")).to_path_buf();
-    check_with(campaign, |kind| shortage::check_folder(&folder(kind, &results), kind, None))
+    let may_fill = |kind: FaultKind| {
+        let folder = folder(kind, &results);
+        shortage::check_folder(&folder, kind).and_then(|()| neighbours::check(&folder, kind, None))
+    };
+    check_with(campaign, may_fill)
 }
 
 fn folder(kind: FaultKind, results: &Path) -> PathBuf {

@@ -18,7 +18,7 @@ use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::struck::Struck;
 use crate::swap::Record;
-use crate::{keepers, shortage, warn};
+use crate::{keepers, neighbours, shortage, warn};
 use drawn::Drawn;
 use hyst_exchange::{Station, StationPage, system};
 use serde_json::json;
@@ -58,7 +58,8 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     if let Ok(plan) = Plan::read(station) {
         injection.check_in(&plan.slots()).map_err(Refusal::input)?;
     }
-    shortage::check(station, injection.kind).map_err(Refusal::input)?;
+    let may_fill = shortage::check(station, injection.kind).and_then(|()| neighbours::check_for(station, injection.kind));
+    may_fill.map_err(Refusal::input)?;
     if station.open().is_ok_and(|page| !page.test_mode()) {
         return Err(Refusal::input(keepers::OUTSIDE_OF_TEST_MODE));
     }

@@ -4,9 +4,22 @@ use hyst_exchange::{Station, system};
 use hyst_messages::Slot;
 use std::os::unix::fs::MetadataExt;
 
-/// The variable that has the station's name in the environment of each engine, and so in that of whatever the engine starts. A command line is another one as
-/// soon as that becomes another program.
+/// The variable that has the station's name and the incarnation in the environment of each engine, and so in that of whatever the engine starts. A command line
+/// is another one as soon as that becomes another program.
 pub const MARK: &str = "HYSTATION_STATION";
+
+/// What an incarnation has in that variable: more than a name, which a user's shell may have for reasons of its own.
+pub fn mark_of(station: &Station, incarnation: u32) -> String {
+    format!("{}/{incarnation}", station.name())
+}
+
+/// The incarnation of a station that has started a process of this user, or was started as it, by what the environment of that began with; `None` if none has.
+pub fn started_by(process: u32, station: &Station) -> Option<u32> {
+    let environment = std::fs::read(format!("/proc/{process}/environ")).ok()?;
+    let head = format!("{MARK}={}/", station.name());
+    let marks = environment.split(|byte| *byte == 0).filter_map(|entry| entry.strip_prefix(head.as_bytes()));
+    marks.filter_map(|number| std::str::from_utf8(number).ok()).find_map(|number| number.parse().ok())
+}
 
 /// Processes of this user, but for the caller.
 pub fn of_user() -> impl Iterator<Item = u32> {
@@ -37,12 +50,13 @@ pub fn of_incarnation(station: &Station, slot: Slot, incarnation: u32) -> Option
 
 /// Whether a process of this user is one of the station, by its command line (`--station NAME`) or by what its environment began with.
 pub fn belongs(process: u32, station: &Station) -> bool {
-    let read = |file: &str| std::fs::read(format!("/proc/{process}/{file}")).unwrap_or_default();
-    let line = read("cmdline");
+    let line = std::fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
+    if line.is_empty() {
+        return false; // one that has ended, or the kernel's own
+    }
     let words: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
     let is_named = words.windows(2).any(|pair| pair[0] == b"--station" && pair[1] == station.name().as_bytes());
-    let mark = format!("{MARK}={}", station.name());
-    is_named || read("environ").split(|byte| *byte == 0).any(|entry| entry == mark.as_bytes())
+    is_named || started_by(process, station).is_some()
 }
 
 /// The process group of a process, which is its leader's id; `None` if there is no such process.

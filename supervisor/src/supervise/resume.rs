@@ -21,7 +21,7 @@ impl Supervisor {
                 self.watch.add(ward);
             }
         }
-        self.end_strays();
+        self.end_strays(&adopted);
         let now_ns = system::now_ns();
         for slot in self.slots.clone() {
             let incarnation = self.viewer.page().incarnation(slot);
@@ -111,10 +111,10 @@ impl Supervisor {
     }
 
     /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page, or an engine that had started them
-    /// died while nobody watched.
-    fn end_strays(&self) {
-        let known = |living: &crate::remains::Living| living.name != "unregistered";
-        for living in crate::remains::living(&self.station).iter().filter(|living| !known(living)) {
+    /// died while nobody watched. What these have started, which live, is theirs.
+    fn end_strays(&self, adopted: &[(Slot, u32)]) {
+        let starters: Vec<u32> = adopted.iter().map(|(_, incarnation)| *incarnation).collect();
+        for living in crate::remains::strays(&self.station, &starters) {
             crate::proc::end(None, living.pid);
             journal::say(&self.station, &format!("process {} belonged to no slot and was ended", living.pid));
         }

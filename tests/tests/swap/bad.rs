@@ -108,7 +108,7 @@ fn of_the_kinds_each_comes_once_in_a_round_and_every_role_at_its_beginning() {
     assert_eq!((order.len(), kinds(&order).len()), (BAD.len(), BAD.len()), "each once");
     let mut of_role = BTreeMap::<&str, Vec<&str>>::new();
     order.iter().for_each(|case| of_role.entry(case.0).or_default().push(case.1));
-    assert_eq!(of_role["fluid"], ["stop", "slow", "garbage", "off", "frozen", "stuck"], "as they are listed");
+    assert_eq!(of_role["fluid"], ["stop", "slow", "garbage", "off", "frozen", "stuck", "babble"], "as they are listed");
 }
 
 #[test]

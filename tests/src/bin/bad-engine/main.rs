@@ -35,9 +35,9 @@ const DESCRIBES_AFTER_NS: u64 = 7_000_000_000;
 const LEAK_BYTES: usize = 1 << 20;
 const LEAK_NS: u64 = 10_000_000;
 const MOST_LEAKS: usize = 512;
-/// One that babbles prints so much at a time, bytes, and so many times at most: a quarter of a GiB, for which a machine has room and takes some tenths of a second.
+/// One that babbles prints so much at a time, bytes, and so many times at most: 192 MiB, three times what is a flood, for which a machine has room and takes some tenths of a second.
 const BABBLE_BYTES: usize = 1 << 16;
-const MOST_BABBLES: usize = 1 << 12;
+const MOST_BABBLES: usize = 3 << 10;
 
 /// Sends a signal to the own process until it takes effect: the runtime's handler lets the first SIGSEGV that was sent go by, and one that is
 /// pending already is not sent again.
