@@ -173,6 +173,19 @@ fn a_face_of_three_tets_is_crowded_and_leaves_the_boundary_open() {
     assert_eq!((report.open_edges, report.non_manifold_edges), (0, 3)); // each edge of that face has three
 }
 
+/// Who exported a part twice was told that his mesh is refused with many such faces, though it is not.
+#[test]
+fn what_is_there_twice_or_has_no_volume_crowds_no_face() {
+    let mut twice = cube();
+    twice.tets.extend(cube().tets);
+    twice.regions.extend(cube().regions);
+    let found = check(&twice);
+    assert_eq!((found.duplicate.len(), found.crowded_faces, found.open_edges), (5, 0, 0));
+    let positions = [FIVE[0], FIVE[1], FIVE[2], FIVE[3], FIVE[6], [1., 1., 0.]];
+    let found = check(&mesh(&positions, &[[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]]));
+    assert_eq!((found.flat.as_slice(), found.crowded_faces, found.open_edges), (&[2][..], 0, 0));
+}
+
 /// A tet on each side of a face, one beside them that closes the way round the face's first edge, and one that lies in the first.
 fn overlapping() -> TetMesh {
     let positions_m = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0.2, -0.5, 1.], [0.2, -0.5, -1.], [0.1, 0.1, 2.]];

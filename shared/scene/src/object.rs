@@ -160,7 +160,8 @@ impl RawObject {
 fn touches(before: &Report, repaired: &TetMesh) -> usize {
     let at = |found: &Report| found.non_manifold_edges + found.non_manifold_vertices;
     // A second look takes as long as the first one: only where that has found something.
-    if at(before) + before.crowded_faces == 0 { 0 } else { at(&hyst_mesh::check(repaired)) }
+    let is_changed = before.crowded_faces + before.duplicate.len() + before.flat.len() > 0;
+    if is_changed || at(before) > 0 { at(&hyst_mesh::check(repaired)) } else { 0 }
 }
 
 /// Refuses what lies so far from the scene's origin that its nodes would have no room to move.
