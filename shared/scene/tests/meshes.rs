@@ -190,6 +190,21 @@ fn a_tet_that_lies_in_others_is_dropped_by_whoever_loads_the_mesh_and_many_are_r
     assert!(!report.runnable && report.error.is_some_and(|error| error.contains("12 lie in others")));
 }
 
+/// As `Mesh.SaveAll` may leave it.
+#[test]
+fn a_number_that_a_group_and_a_volume_in_none_share_is_noted_and_refused_where_a_region_names_it() {
+    let folder = Folder::new("shared");
+    folder.file("organ.msh", &block(2, 80.0, 0.0).replace("\n2 4 2 1 1 ", "\n2 4 2 0 1 "));
+    let with = |region: &str| folder.load(&format!("mesh = \"organ.msh\"\nscale_to_m = 0.001\n{region}"));
+    let by = |tets: &str| with(&format!("[[deformable.region]]\nname = \"one\"\ntets = [{{ {tets} }}]"));
+    for scene in [with(""), by("below_z_m = 0.02")].map(|scene| scene.unwrap_or_else(|error| panic!("{error}"))) {
+        assert!(scene.notes.iter().any(|note| note.contains("have the number 1 both (line ")), "{:?}", scene.notes);
+    }
+    let error = by("tag = 1").unwrap_err();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Name, "deformable[0].region[0].tets[0]"), "{error}");
+    assert!(error.line_column.is_some() && error.to_string().contains("a physical group 1 and a volume 1 in none"), "{error}");
+}
+
 #[test]
 fn a_surface_of_another_mesh_is_refused_and_its_own_is_bound() {
     let folder = Folder::new("surface");
