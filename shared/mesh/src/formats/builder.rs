@@ -115,7 +115,8 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
 fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<(Vec<u32>, Vec<(u32, Place)>), ReadError> {
     let number = |region: &Region| u32::try_from(region.named().unsigned_abs()).unwrap_or(u32::MAX);
     // Each region with the first of its tets.
-    let mut firsts: Vec<(u32, Region, usize)> = named.iter().zip(0..).map(|(region, tet)| (number(region), *region, tet)).collect();
+    let mut firsts: Vec<(u32, Region, usize)> =
+        named.iter().zip(0..).map(|(region, tet)| (number(region), *region, tet)).collect();
     firsts.sort_unstable();
     firsts.dedup_by_key(|first| (first.0, first.1));
     let mut shared = Vec::new();
