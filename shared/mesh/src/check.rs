@@ -1,7 +1,7 @@
 //! What is wrong with a tet mesh, in figures and in sentences.
 
 use crate::boundary::{Sets, boundary, component_count, component_of_each_tet, sorted_faces};
-use crate::geometry::{Unit, corners, count, guess_unit, quality, signed_volume};
+use crate::geometry::{Unit, corners, count, guess_unit, is_without_volume, quality, signed_volume};
 use crate::merge::duplicate_tets;
 use crate::types::TetMesh;
 use std::fmt;
@@ -46,9 +46,9 @@ pub struct Report {
     pub components: usize,
     /// Triangles of the boundary.
     pub boundary_triangles: usize,
-    /// Faces that more than two tets share.
+    /// Faces that more than two tets share, of those that have a volume and are no duplicates: [`repair`](crate::repair()) drops the others anyway.
     pub crowded_faces: usize,
-    /// Edges of the boundary with a single triangle.
+    /// Edges of the boundary of the same tets with a single triangle.
     pub open_edges: usize,
     /// Edges of the boundary with more than two triangles.
     pub non_manifold_edges: usize,
@@ -78,6 +78,12 @@ pub fn check(mesh: &TetMesh) -> Report {
         .map(|index| (index, worth(&mesh.tets[index as usize])))
         .min_by(|left, right| left.1.total_cmp(&right.1));
     let edges = boundary_edges(&shape);
+    let duplicate = duplicate_tets(&mesh.positions_m, &mesh.tets);
+    let is_filling = |(tet, index): &(&[u32; 4], u32)| {
+        sound(tet) && duplicate.binary_search(index).is_err() && !is_without_volume(corners(&mesh.positions_m, **tet))
+    };
+    let filling: Vec<[u32; 4]> = mesh.tets.iter().zip(0..).filter(is_filling).map(|(tet, _)| *tet).collect();
+    let (crowded_faces, open_edges) = crowded_and_open(&filling);
     Report {
         nodes,
         tets: mesh.tets.len(),
@@ -90,12 +96,12 @@ pub fn check(mesh: &TetMesh) -> Report {
         inverted: indices_where(&|tet| sound(tet) && volume(tet) < 0.0),
         flat: indices_where(&|tet| sound(tet) && worth(tet) < FLAT_QUALITY),
         worst,
-        duplicate: duplicate_tets(&mesh.positions_m, &mesh.tets),
+        duplicate,
         unused_nodes: unused_nodes(nodes, &mesh.tets),
         components: component_count(&component_of_each_tet(&shape)),
         boundary_triangles: edges.triangles,
-        crowded_faces: sorted_faces(&shape.tets).chunk_by(|l, r| l.0 == r.0).filter(|same| same.len() > 2).count(),
-        open_edges: edges.open,
+        crowded_faces,
+        open_edges,
         non_manifold_edges: edges.non_manifold,
         non_manifold_vertices: edges.non_manifold_vertices,
     }
@@ -140,9 +146,21 @@ pub fn open_edges(triangles: &[[u32; 3]]) -> usize {
     edges.chunk_by(|left, right| left == right).filter(|same| same.len() == 1).count()
 }
 
+/// The faces that more than two of some tets share, and the edges of their boundary with a single triangle.
+fn crowded_and_open(tets: &[[u32; 4]]) -> (usize, usize) {
+    let (mut crowded, mut outside) = (0, Vec::new());
+    for same in sorted_faces(tets).chunk_by(|left, right| left.0 == right.0) {
+        match same {
+            [(nodes, _)] => outside.push(*nodes),
+            [_, _] => {}
+            _ => crowded += 1,
+        }
+    }
+    (crowded, open_edges(&outside))
+}
+
 struct BoundaryEdges {
     triangles: usize,
-    open: usize,
     non_manifold: usize,
     non_manifold_vertices: usize,
 }
@@ -159,10 +177,9 @@ fn boundary_edges(mesh: &TetMesh) -> BoundaryEdges {
         }
     }
     edges.sort_unstable();
-    let mut counts = BoundaryEdges { triangles: triangles.len(), open: 0, non_manifold: 0, non_manifold_vertices: 0 };
+    let mut counts = BoundaryEdges { triangles: triangles.len(), non_manifold: 0, non_manifold_vertices: 0 };
     let mut fans = Sets::new(3 * triangles.len());
     for same in edges.chunk_by(|left, right| left.0 == right.0) {
-        counts.open += usize::from(same.len() == 1);
         counts.non_manifold += usize::from(same.len() > 2);
         for pair in same.windows(2) {
             fans.join(pair[0].1[0], pair[1].1[0]);

@@ -59,31 +59,45 @@ pub(crate) fn duplicate_tets(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> Vec
     duplicates
 }
 
-/// Of some of the tets those that lie in others: of more than two at a face the first on each side of it counts, and stays. What is left has two at a face at
-/// most, so that its boundary has no open edge: each tet has two faces at an edge of its own, and so an even number of them is outside.
+/// Of some of the tets those that lie in others, in their order: of more than two at a face one on each side of it stays, that with the fewest faces that no
+/// other tet has, of several the first. What lies in others by a slip hangs on one face; without the good one there a void would be left around it.
+/// What is left has two at a face at most, so that its boundary has no open edge: each tet has two faces at an edge of its own, and so an even number of them is
+/// outside.
 pub(crate) fn overlapping_tets(positions_m: &[[f32; 3]], tets: &[[u32; 4]], is_some: &[bool]) -> Vec<u32> {
     // What fills nothing is on neither side of a face.
     let is_solid = |(tet, is_some): (&[u32; 4], &bool)| *is_some && !is_without_volume(corners(positions_m, *tet));
     let is_solid: Vec<bool> = tets.iter().zip(is_some).map(is_solid).collect();
     let mut faces = sorted_faces(tets);
     faces.retain(|(_, origin)| is_solid[origin / 4]);
-    let crowded: Vec<_> = faces.chunk_by(|one, other| one.0 == other.0).filter(|same| same.len() > 2).collect();
-    // For each of these faces of a tet the tet, the number of the face, and the side.
-    let mut sides: Vec<(usize, usize, bool)> = Vec::new();
+    let mut lone_faces = vec![0_u8; tets.len()];
+    let mut crowded = Vec::new();
+    for same in faces.chunk_by(|one, other| one.0 == other.0) {
+        match same {
+            [(_, origin)] => lone_faces[origin / 4] += 1,
+            [_, _] => {}
+            _ => crowded.push(same),
+        }
+    }
+    // For each of these faces of a tet how many that tet has alone, the tet, the number of the face, and the side.
+    let mut sides: Vec<(u8, usize, usize, bool)> = Vec::new();
     for (number, same) in crowded.iter().enumerate() {
-        let side = |(nodes, origin): &([u32; 3], usize)| (origin / 4, number, is_above(positions_m, tets, *nodes, *origin));
+        let side = |(nodes, origin): &([u32; 3], usize)| {
+            let tet = origin / 4;
+            (lone_faces[tet], tet, number, is_above(positions_m, tets, *nodes, *origin))
+        };
         sides.extend(same.iter().map(side));
     }
     sides.sort_unstable();
     let mut is_taken = vec![[false; 2]; crowded.len()];
     let mut overlapping = Vec::new();
-    for of_tet in sides.chunk_by(|one, other| one.0 == other.0) {
-        if of_tet.iter().any(|(_, face, is_above)| is_taken[*face][usize::from(*is_above)]) {
-            overlapping.push(of_tet[0].0 as u32);
+    for of_tet in sides.chunk_by(|one, other| one.1 == other.1) {
+        if of_tet.iter().any(|(.., face, is_above)| is_taken[*face][usize::from(*is_above)]) {
+            overlapping.push(of_tet[0].1 as u32);
         } else {
-            of_tet.iter().for_each(|(_, face, is_above)| is_taken[*face][usize::from(*is_above)] = true);
+            of_tet.iter().for_each(|(.., face, is_above)| is_taken[*face][usize::from(*is_above)] = true);
         }
     }
+    overlapping.sort_unstable();
     overlapping
 }
 

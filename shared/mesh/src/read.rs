@@ -31,6 +31,9 @@ pub struct TetFile {
     pub format: Format,
     /// Hexahedra, prisms, pyramids and the like that were passed over. If there are any, the mesh may have holes where they were.
     pub other_volume_cells: usize,
+    /// Numbers in [`TetMesh::regions`] that a physical group of Gmsh and a volume in none have both, as `Mesh.SaveAll` may leave them; ascending, each with
+    /// the first tet of the second of the two.
+    pub shared_numbers: Vec<(u32, Place)>,
 }
 
 const KNOWN: &str =
@@ -64,8 +67,8 @@ pub fn read_tet_file(name: &str, bytes: &[u8]) -> Result<TetFile, ReadError> {
             return Err(ReadError::new(ReadErrorKind::Empty, Place::File, "a surface (OBJ)", expected, cure));
         }
     };
-    let (mesh, other_volume_cells) = builder.finish()?;
-    Ok(TetFile { mesh, format, other_volume_cells })
+    let (mesh, other_volume_cells, shared_numbers) = builder.finish()?;
+    Ok(TetFile { mesh, format, other_volume_cells, shared_numbers })
 }
 
 /// Reads the triangles of a surface file (OBJ or VTK legacy POLYDATA); polygons become fans. Coordinates stay in the file's unit.

@@ -42,7 +42,7 @@ pub enum Repair {
         /// The first of them in the file's order, from 0.
         first: u32,
     },
-    /// Tets that lay in earlier ones, on the same side of a face of more than two, were dropped.
+    /// Tets that lay in others, on the same side of a face of more than two, were dropped.
     DroppedOverlapping {
         /// How many.
         tets: usize,
@@ -92,7 +92,7 @@ impl fmt::Display for Repair {
             }
             Repair::DroppedOverlapping { tets, first } => write!(
                 out,
-                "dropped {} on that side of a face on which an earlier one lies (first: tet {first}): tets lay in each other",
+                "dropped {} on that side of a face on which another lies (first: tet {first}): tets lay in each other",
                 count(*tets, "tet")
             ),
             Repair::DroppedFlat { tets, first } => {
@@ -156,7 +156,7 @@ pub enum RepairError {
     },
     /// Too many tets lie in others.
     #[error(
-        "of {of} tets {tets} lie in others: they are on that side of a face on which an earlier one is (first: tet {first}); parts of \
+        "of {of} tets {tets} lie in others: they are on that side of a face on which another is (first: tet {first}); parts of \
          the mesh overlap: leave one of each two out, or unite them before they are meshed, and export again"
     )]
     Overlapping {

@@ -6,8 +6,9 @@ use crate::loaded::{Attach, AttachedNode};
 use crate::locate::{Locator, bounds};
 use crate::parts::{self, LEAST_PART_M3, MAX_PARTS};
 use crate::place::Transform;
+use crate::region;
 use crate::source::Folder;
-use hyst_mesh::{BindError, Binding, ORGAN_SIZE_M, Report, TetMesh, TriangleMesh, Unit, guess_unit};
+use hyst_mesh::{BindError, Binding, Format, ORGAN_SIZE_M, Place, Report, TetFile, TetMesh, TriangleMesh, Unit, guess_unit};
 
 /// Most tets of one object: some fifty times what a step of 1 ms takes.
 pub const MAX_TETS: usize = 200_000;
@@ -33,6 +34,7 @@ pub(crate) struct RawObject {
     pub(crate) surface: Option<(TriangleMesh, String)>,
     pub(crate) report: Report,
     pub(crate) other_volume_cells: usize,
+    pub(crate) shared_numbers: Vec<(u32, Place)>,
 }
 
 /// Why a mesh cannot be read, at a key.
@@ -44,7 +46,9 @@ pub(crate) fn unreadable(error: &hyst_mesh::ReadError, key: &str, name: &str) ->
 /// Reads the object's files. Nothing is changed yet.
 pub(crate) fn read(object: &Deformable, index: usize, folder: &Folder) -> Result<RawObject, SceneError> {
     let key = format!("deformable[{index}].mesh");
-    let (mesh, mesh_name, other_volume_cells) = read_volume(&key, &object.mesh, folder)?;
+    let (file, mesh_name) = read_volume(&key, &object.mesh, folder)?;
+    let TetFile { mesh, other_volume_cells, shared_numbers, .. } = file;
+    region::refuse_shared(object, index, &shared_numbers)?;
     if mesh.tets.len() > MAX_TETS {
         let what = format!("has {} tets, at most {MAX_TETS} are simulated", mesh.tets.len());
         return Err(
@@ -65,20 +69,20 @@ pub(crate) fn read(object: &Deformable, index: usize, folder: &Folder) -> Result
         }
     };
     let report = hyst_mesh::check(&mesh);
-    Ok(RawObject { mesh, mesh_name, surface, report, other_volume_cells })
+    Ok(RawObject { mesh, mesh_name, surface, report, other_volume_cells, shared_numbers })
 }
 
-/// Reads tets, from two files where the format has two. Returns also the name to speak of them by and the cells passed over.
-fn read_volume(key: &str, name: &str, folder: &Folder) -> Result<(TetMesh, String, usize), SceneError> {
+/// Reads tets, from two files where the format has two. Returns also the name to speak of them by.
+fn read_volume(key: &str, name: &str, folder: &Folder) -> Result<(TetFile, String), SceneError> {
     let (bytes, shown) = folder.mesh(key, name)?;
     if let Some(companion) = hyst_mesh::companion_name(name) {
         let (other, _) = folder.mesh(key, &companion)?;
         let (node, ele) = if name.to_ascii_lowercase().ends_with(".node") { (bytes, other) } else { (other, bytes) };
         let mesh = hyst_mesh::read_tetgen(&node, &ele).map_err(|error| unreadable(&error, key, &shown))?;
-        return Ok((mesh, shown, 0));
+        return Ok((TetFile { mesh, format: Format::Tetgen, other_volume_cells: 0, shared_numbers: Vec::new() }, shown));
     }
     let file = hyst_mesh::read_tet_file(&shown, &bytes).map_err(|error| unreadable(&error, key, &shown))?;
-    Ok((file.mesh, shown, file.other_volume_cells))
+    Ok((file, shown))
 }
 
 impl RawObject {
@@ -131,6 +135,12 @@ impl RawObject {
         if self.other_volume_cells > 0 {
             notes.push(format!("{}: {} cells that are not tets were passed over", object.name, self.other_volume_cells));
         }
+        if let Some((number, place)) = self.shared_numbers.first() {
+            let (name, more) = (&object.name, if self.shared_numbers.len() > 1 { ", and so do others" } else { "" });
+            notes.push(format!(
+                "{name}: a physical group and a volume in none have the number {number} both ({place}){more}; no region can be chosen by it"
+            ));
+        }
         let repaired = hyst_mesh::repair(self.mesh).map_err(|error| {
             SceneError::new(Kind::BadMesh, format!("deformable[{index}].mesh"), "cannot be repaired", error.to_string())
                 .at(&self.mesh_name)
@@ -160,7 +170,8 @@ impl RawObject {
 fn touches(before: &Report, repaired: &TetMesh) -> usize {
     let at = |found: &Report| found.non_manifold_edges + found.non_manifold_vertices;
     // A second look takes as long as the first one: only where that has found something.
-    if at(before) + before.crowded_faces == 0 { 0 } else { at(&hyst_mesh::check(repaired)) }
+    let is_changed = before.crowded_faces + before.duplicate.len() + before.flat.len() > 0;
+    if is_changed || at(before) > 0 { at(&hyst_mesh::check(repaired)) } else { 0 }
 }
 
 /// Refuses what lies so far from the scene's origin that its nodes would have no room to move.

@@ -9,7 +9,7 @@ use crate::fixed::{in_box, in_sphere};
 use crate::layer::Skin;
 use crate::names::is_name;
 use crate::validate::{Checked, coordinate, corners, range, sphere, stuff};
-use hyst_mesh::TetMesh;
+use hyst_mesh::{Place, TetMesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -149,6 +149,23 @@ fn validate_part(part: &Part, key: &str) -> Checked {
         Part::InnerLayerM(thick_m) => range(format!("{key}.inner_layer_m"), *thick_m, 0.0, MAX_LAYER_M, "m"),
         Part::OuterLayerM(thick_m) => range(format!("{key}.outer_layer_m"), *thick_m, 0.0, MAX_LAYER_M, "m"),
     }
+}
+
+/// Refuses a region by a number that a physical group and a volume in none share: nobody knows which of them it means.
+pub(crate) fn refuse_shared(object: &Deformable, index: usize, shared: &[(u32, Place)]) -> Checked {
+    for (number, region) in object.region.iter().enumerate() {
+        for (place, part) in region.tets.iter().enumerate() {
+            let Part::Tag(tag) = part else { continue };
+            let Some((_, second)) = shared.iter().find(|(shared, _)| shared == tag) else { continue };
+            let what = format!(
+                "the region “{}”: {} has a physical group {tag} and a volume {tag} in none; at {second} the second of the two begins",
+                region.name, object.mesh
+            );
+            let cure = "put each volume in a physical group, or save without Mesh.SaveAll";
+            return Err(SceneError::new(Kind::Name, format!("deformable[{index}].region[{number}].tets[{place}]"), what, cure));
+        }
+    }
+    Ok(())
 }
 
 /// Puts into the mesh of an object that stands in its place which region each tet is of, in place of the file's numbers: 0 for none, else the region's, counted

@@ -249,7 +249,7 @@ impl ObjectReport {
                 self.crowded_faces,
                 "face of more than two tets",
                 "faces of more than two tets",
-                "of those on one side the first is kept, where they are few; with many the mesh is refused",
+                "of those on one side one is kept, where they are few; with many the mesh is refused",
             ),
             (
                 self.other_volume_cells,

@@ -174,13 +174,35 @@ fn a_tet_that_lies_in_others_is_dropped_by_whoever_loads_the_mesh_and_many_are_r
     assert!(!said("touches itself"), "{:?}", scene.notes);
     let report = check(Some(&path));
     assert!(report.runnable && report.objects[0].crowded_faces == 1, "{report:?}");
-    assert!(report.to_string().contains("1 face of more than two tets: of those on one side the first is kept"), "{report}");
+    assert!(report.to_string().contains("1 face of more than two tets: of those on one side one is kept"), "{report}");
+
+    // Before all others it is dropped, too: the good ones stay.
+    let kept = scene.objects[0].mesh.clone();
+    let ahead = block(2, 80.0, 0.0).replace("$Elements\n48\n", "$Elements\n49\n49 4 2 1 1 1 5 14 3\n");
+    let scene = load(&folder.file("organ.msh", &ahead)).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(scene.objects[0].mesh, kept);
+    assert!(scene.notes.iter().any(|note| note.contains("(first: tet 0)")), "{:?}", scene.notes);
 
     let path = folder.file("organ.msh", &mesh(&[3, 6, 7, 8, 12, 16, 20, 21, 22, 24, 25, 26]));
     let error = load(&path).unwrap_err();
     assert!(error.kind == Kind::BadMesh && error.to_string().contains("of 60 tets 12 lie in others"), "{error}");
     let report = check(Some(&path));
     assert!(!report.runnable && report.error.is_some_and(|error| error.contains("12 lie in others")));
+}
+
+/// As `Mesh.SaveAll` may leave it.
+#[test]
+fn a_number_that_a_group_and_a_volume_in_none_share_is_noted_and_refused_where_a_region_names_it() {
+    let folder = Folder::new("shared");
+    folder.file("organ.msh", &block(2, 80.0, 0.0).replace("\n2 4 2 1 1 ", "\n2 4 2 0 1 "));
+    let with = |region: &str| folder.load(&format!("mesh = \"organ.msh\"\nscale_to_m = 0.001\n{region}"));
+    let by = |tets: &str| with(&format!("[[deformable.region]]\nname = \"one\"\ntets = [{{ {tets} }}]"));
+    for scene in [with(""), by("below_z_m = 0.02")].map(|scene| scene.unwrap_or_else(|error| panic!("{error}"))) {
+        assert!(scene.notes.iter().any(|note| note.contains("have the number 1 both (line ")), "{:?}", scene.notes);
+    }
+    let error = by("tag = 1").unwrap_err();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Name, "deformable[0].region[0].tets[0]"), "{error}");
+    assert!(error.line_column.is_some() && error.to_string().contains("a physical group 1 and a volume 1 in none"), "{error}");
 }
 
 #[test]

@@ -60,17 +60,17 @@ impl Builder {
         self.positions.len()
     }
 
-    /// The mesh, and the number of volume cells that are no tets.
+    /// The mesh, the number of volume cells that are no tets, and the [numbers that two regions share](crate::TetFile::shared_numbers).
     ///
     /// # Errors
     /// Two nodes with one tag, a tet with a node that is not there, two regions that would have one number, no tet at all.
-    pub fn finish(self) -> Result<(TetMesh, usize), ReadError> {
+    pub fn finish(self) -> Result<(TetMesh, usize, Vec<(u32, Place)>), ReadError> {
         let Builder { positions, node_tags, tets, regions, other_volume_cells } = self;
         if tets.is_empty() {
             return Err(no_tets(positions.len(), other_volume_cells));
         }
         let by_tag = index_by_tag(&node_tags)?;
-        let regions = region_numbers(&regions, &tets)?;
+        let (regions, shared_numbers) = region_numbers(&regions, &tets)?;
         let resolve = |tag: i64, place: Place| match by_tag.binary_search_by_key(&tag, |&(tag, _)| tag) {
             Ok(found) => Ok(by_tag[found].1),
             Err(_) => Err(missing(tag, place, &by_tag)),
@@ -83,7 +83,7 @@ impl Builder {
             }
             indices.push(tet);
         }
-        Ok((TetMesh { positions_m: positions, tets: indices, regions }, other_volume_cells))
+        Ok((TetMesh { positions_m: positions, tets: indices, regions }, other_volume_cells, shared_numbers))
     }
 }
 
@@ -111,30 +111,30 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
     Ok(by_tag)
 }
 
-/// The number of each tet's region: what the file names, without its sign.
-fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<Vec<u32>, ReadError> {
+/// The number of each tet's region: what the file names, without its sign; and those that a group and a volume in none share.
+fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<(Vec<u32>, Vec<(u32, Place)>), ReadError> {
     let number = |region: &Region| u32::try_from(region.named().unsigned_abs()).unwrap_or(u32::MAX);
-    let mut numbers: Vec<(u32, Region)> = named.iter().map(|region| (number(region), *region)).collect();
-    numbers.sort_unstable();
-    numbers.dedup();
-    let Some(pair) = numbers.windows(2).find(|pair| pair[0].0 == pair[1].0) else {
-        return Ok(named.iter().map(number).collect());
-    };
-    let both = [pair[0].1, pair[1].1];
-    let first_tets = both.map(|region| named.iter().position(|named| *named == region));
-    let place = first_tets.into_iter().flatten().max().map_or(Place::File, |tet| tets[tet].1);
-    let found = format!("a second one of the regions {} and {}, which would be one", both[0], both[1]);
-    let (expected, cure) = match both {
-        [Region::Group(_), Region::Volume(_)] => (
-            "no volume without a physical group whose number a group has".to_owned(),
-            "put each volume in a physical group, or save without Mesh.SaveAll",
-        ),
-        _ => (
-            format!("numbers of regions that differ in more than their signs, below {}", u32::MAX),
-            "number the regions 1, 2, 3 …, and mesh or export again",
-        ),
-    };
-    Err(ReadError::new(ReadErrorKind::BadNumber, place, found, expected, cure))
+    // Each region with the first of its tets.
+    let mut firsts: Vec<(u32, Region, usize)> =
+        named.iter().zip(0..).map(|(region, tet)| (number(region), *region, tet)).collect();
+    firsts.sort_unstable();
+    firsts.dedup_by_key(|first| (first.0, first.1));
+    let mut shared = Vec::new();
+    for pair in firsts.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+        let place = tets[pair[0].2.max(pair[1].2)].1;
+        match [pair[0].1, pair[1].1] {
+            [Region::Group(_), Region::Volume(_)] => shared.push((pair[0].0, place)),
+            both => return Err(same_number(both, place)),
+        }
+    }
+    Ok((named.iter().map(number).collect(), shared))
+}
+
+fn same_number([one, other]: [Region; 2], place: Place) -> ReadError {
+    let found = format!("a second one of the regions {one} and {other}, which would be one");
+    let expected = format!("numbers of regions that differ in more than their signs, below {}", u32::MAX);
+    let cure = "number the regions 1, 2, 3 …, and mesh or export again";
+    ReadError::new(ReadErrorKind::BadNumber, place, found, expected, cure)
 }
 
 fn too_many(place: Place) -> ReadError {

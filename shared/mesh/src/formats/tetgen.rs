@@ -16,7 +16,7 @@ pub fn read_tetgen(node: &[u8], ele: &[u8]) -> Result<TetMesh, ReadError> {
     let mut mesh = Builder::default();
     read_nodes(node, &mut mesh).map_err(|error| of_file(error, ".node"))?;
     read_elements(ele, &mut mesh).map_err(|error| of_file(error, ".ele"))?;
-    mesh.finish().map(|(mesh, _)| mesh).map_err(|error| match error.kind {
+    mesh.finish().map(|(mesh, ..)| mesh).map_err(|error| match error.kind {
         ReadErrorKind::DuplicateNode => of_file(error, ".node"),
         ReadErrorKind::MissingNode | ReadErrorKind::BadNumber => of_file(error, ".ele"),
         _ => error,
