@@ -338,7 +338,8 @@ mod tests {
     fn a_process_that_is_left_is_named_and_a_station_of_which_nothing_is_left_is_good() {
         let station = Station::named(&format!("t{}-left", std::process::id())).unwrap();
         assert_eq!(left_behind(&station), Ok("no process, no shared memory, no file".into()));
-        let mut left = Command::new("sleep").arg("600").env(crate::proc::MARK, crate::proc::mark_of(&station, 7)).spawn().unwrap();
+        let mut left =
+            Command::new("sleep").arg("600").env(crate::proc::MARK, crate::proc::mark_of(&station, 7)).spawn().unwrap();
         let until_ns = system::now_ns() + 60_000_000_000;
         while left_behind(&station).is_ok() {
             assert!(system::now_ns() < until_ns, "it is not seen"); // at first it is not yet what it was started as
