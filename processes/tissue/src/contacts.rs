@@ -34,6 +34,9 @@ const MAX_DEPTH_M: f32 = 0.02;
 /// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons, which grow
 /// from nothing once it is cold ([`ToolMotion::soft_m`]).
 pub const MAX_LOOP_DEPTH_M: f32 = 0.003;
+/// So much farther than it is beyond a part that it has passed a point of the tool pushes that, m: a thin one comes to lie before the point again, where its far
+/// side is met as well.
+const AHEAD_M: f32 = 3e-4;
 /// Nothing sticks to the tool, or to other tissue, over a longer way, m.
 const MOST_BENT_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
@@ -257,10 +260,11 @@ impl Contacts {
             } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);
                 // What has passed a part meets it where it went in, and anything else where it is.
-                let met_at = if found.source == Source::Held as u32 { at.to_array() } else { point };
+                let is_held = found.source == Source::Held as u32;
+                let (met_at, ahead_m) = if is_held { (at.to_array(), AHEAD_M.min(found.depth_m)) } else { (point, 0.0) };
                 let along: f32 = normal.iter().zip(met_at).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
-                let depth_m = found.depth_m.min(most_depth_m(is_loop, tool.soft_m));
+                let depth_m = (found.depth_m + ahead_m).min(most_depth_m(is_loop, tool.soft_m));
                 let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = self.through.velocity_m_s(found.point as usize, tool);
                 let remembered = self.remembered(&tissue, found);

@@ -139,7 +139,7 @@ fn a_way_back_that_leads_on_through_a_thick_part_is_none_and_one_that_leads_out_
 
 /// Where it has passed a part, a loop that cuts met that by its whole way through.
 #[test]
-fn what_has_passed_a_part_is_as_deep_as_it_is_beyond_its_face_and_a_loop_that_cuts_is_in_no_depth() {
+fn what_has_passed_a_part_pushes_it_back_before_itself_and_a_loop_that_cuts_does_not() {
     let world = world();
     let positions_m = world.model.rest_m();
     let nodes = world.model.tets()[0];
@@ -168,7 +168,8 @@ fn what_has_passed_a_part_is_as_deep_as_it_is_beyond_its_face_and_a_loop_that_cu
         spring.offset_m - Vec3::from(spring.normal).dot(at)
     };
     let of_loop = world.case.tool.shaft;
-    for (point, soft_m, wanted_m) in [(0, 0.0, beyond_m), (of_loop, 0.0, beyond_m), (of_loop, MAX_LOOP_DEPTH_M, 0.0)] {
+    let whole_m = beyond_m + AHEAD_M;
+    for (point, soft_m, wanted_m) in [(0, 0.0, whole_m), (of_loop, 0.0, whole_m), (of_loop, MAX_LOOP_DEPTH_M, 0.0)] {
         let found_m = depth_m(point, soft_m);
         assert!((found_m - wanted_m).abs() < 1e-6, "point {point}, soft by {soft_m} m: {found_m} m, not {wanted_m}");
     }
