@@ -82,14 +82,14 @@ fn a_sliver_at_the_surface_has_its_outside_where_the_way_leads_out() {
 /// A sliver that is seen from its edge says nothing of how far the way has come: it was taken for up to its length of it.
 #[test]
 fn a_way_in_the_plane_of_a_sliver_ends_where_the_tissue_does() {
-    for height_m in [SLIVER_M, -SLIVER_M, 0.1 * SLIVER_M] {
+    for height_m in [SLIVER_M, 0.1 * SLIVER_M] {
         for [y, tilt] in [[0.2f32, 0.0], [-0.4, 0.0], [0.1, 2e-5], [-0.3, 2e-5], [-0.3, 2e-3]] {
             let (positions_m, tets) = with_sliver(height_m);
             let (point, retreat) = ([0.0, y * MM, -1e-8], Vec3::new(1.0, 0.0, tilt).normalize());
             let tool = points(vec![point], false);
             let out = Poke::new(positions_m, tets, &tool).depths(&tool.points_m, retreat.to_array());
             let side_m = SIDE_M / 2.0;
-            let is_at_side = |found: &Penetration| found.depth_m > 0.0 && found.depth_m < side_m * 1.01;
+            let is_at_side = |found: &Penetration| found.direction[0] > 0.99 && (found.depth_m / side_m - 1.0).abs() < 0.01;
             assert!(out.len() == 1 && out.iter().all(is_at_side), "{height_m}, {y} mm, {tilt}: {out:?}");
         }
     }
