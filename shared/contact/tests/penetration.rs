@@ -190,7 +190,7 @@ fn of_two_objects_a_point_remembers_the_one_that_it_came_into_first() {
         known.0 == objects && known.1 == owner && (known.2 - depth_m).abs() < 0.05 * MM
     };
     // Through the slab into the wall; out of the slab's far side; and into it again by that, which the wall's depth does not make the first.
-    let before = known(-1.5 * MM, &[-1.0 * MM, 0.3 * MM, 1.0 * MM, 0.3 * MM]);
+    let before = known(-1.5 * MM, &[-MM, 0.3 * MM, 1.0 * MM, 0.3 * MM]);
     let wanted = [(1, 2, 0.5 * MM), (2, 2, 1.8 * MM), (1, 1, 1.0 * MM), (2, 2, 1.8 * MM)];
     assert!(before.iter().zip(wanted).all(|(known, wanted)| is_like(known, wanted)), "{before:?}");
     // Into both in one step, and through the wall into a slab within it.

@@ -35,6 +35,8 @@ const DRIVER: &str = "driver";
 const BACK_WITHIN_NS: u64 = 30_000_000_000;
 /// What that is called.
 const NO_TIME: &str = "gets time to show what it is";
+/// Whether the engine before it was in time: where that was not, it is not known whether this one is.
+const CAN_BE_LATE: &str = "can be told to be late";
 const PASSES: &str = "passes its probation";
 const COMES_BACK: &str = "comes back after its death";
 /// How long an engine may take to refuse arguments: a loader on a busy machine.
@@ -91,10 +93,16 @@ fn tried(role: Role, binary: &Path, place: Place, interrupted: &AtomicBool) -> R
     Ok((checks, log))
 }
 
-/// The exit code of what was found. Of an engine that could not be shown the most is not known, whatever else was found.
+/// The exit code of what was found. Of an engine that could not be shown the most is not known, whatever else was found; of one whose lateness could not, if nothing
+/// else is wrong with it.
 fn code_of(checks: &[Check]) -> u8 {
-    let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
-    if is_shown { u8::from(checks.iter().any(|check| !check.good)) } else { 3 }
+    let is_bad = |of: &dyn Fn(&str) -> bool| checks.iter().any(|check| !check.good && of(&check.what));
+    match () {
+        () if is_bad(&|what| what == NO_TIME) => 3,
+        () if is_bad(&|what| what != CAN_BE_LATE) => 1,
+        () if is_bad(&|_| true) => 3,
+        () => 0,
+    }
 }
 
 /// Says what was found, and if something is bad what the engine has printed last; gives the exit code.
@@ -331,6 +339,8 @@ mod tests {
         let what_is_left = ("leaves nothing behind", false);
         assert_eq!([code(&[(PASSES, true)]), code(&[(PASSES, true), what_is_left]), code(&[(PASSES, false)])], [0, 1, 1]);
         assert_eq!([code(&[(NO_TIME, false)]), code(&[(PASSES, true), (NO_TIME, false), what_is_left])], [3, 3]);
+        let untold = (CAN_BE_LATE, false);
+        assert_eq!([code(&[(PASSES, true), untold]), code(&[(PASSES, true), untold, what_is_left])], [3, 1]);
     }
 
     /// It said that there was no process, and had looked for none.

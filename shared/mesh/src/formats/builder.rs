@@ -64,7 +64,7 @@ impl Builder {
     ///
     /// # Errors
     /// Two nodes with one tag, a tet with a node that is not there, two regions that would have one number, no tet at all.
-    pub fn finish(self) -> Result<(TetMesh, usize, Vec<(u32, Place)>), ReadError> {
+    pub fn finish(self) -> Result<(TetMesh, usize, Shared), ReadError> {
         let Builder { positions, node_tags, tets, regions, other_volume_cells } = self;
         if tets.is_empty() {
             return Err(no_tets(positions.len(), other_volume_cells));
@@ -111,8 +111,11 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
     Ok(by_tag)
 }
 
+/// Numbers that a group and a volume in none share, each with a place of the second of the two.
+pub type Shared = Vec<(u32, Place)>;
+
 /// The number of each tet's region: what the file names, without its sign; and those that a group and a volume in none share.
-fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<(Vec<u32>, Vec<(u32, Place)>), ReadError> {
+fn region_numbers(named: &[Region], tets: &[([i64; 4], Place)]) -> Result<(Vec<u32>, Shared), ReadError> {
     let number = |region: &Region| u32::try_from(region.named().unsigned_abs()).unwrap_or(u32::MAX);
     // Each region with the first of its tets.
     let mut firsts: Vec<(u32, Region, usize)> =
