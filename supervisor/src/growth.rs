@@ -28,8 +28,8 @@ const MOST_SHARED_TIMES: u64 = 4;
 /// Between two looks at what the device uses, and a newcomer on trial, ns: four for one at anybody else.
 const OFTEN_NS: u64 = 250_000_000;
 
-/// Resident memory of its own beyond the base, MiB: several times what any engine was seen to add in ten minutes after its warm-up. Of a device, which has 8, less: the
-/// system takes 0.15 ms for each MiB of a process that ends, and until then nobody has the hand (18 to 34 ticks were lost with 170 MiB, 2-core VM,
+/// Resident memory of its own beyond the base, MiB: several times what any engine was seen to add in ten minutes after its warm-up. Of a device, which has 8,
+/// less: the system takes 0.15 ms for each MiB of a process that ends, and until then nobody has the hand (18 to 34 ticks were lost with 170 MiB, 2-core VM,
 /// `leak-memory device`, 2026-11-28).
 const fn most_mib(role: Role) -> u64 {
     match role {
@@ -138,15 +138,14 @@ impl Growth {
         }
         let most_shared_mib = MOST_SHARED_MIB.max(MOST_SHARED_TIMES * shared.first);
         let rises = [
-            (memory, used.own_mib, most_mib(slot.role()), "memory", " MiB"),
-            (shared, used.shared_mib, most_shared_mib, "shared memory", " MiB"),
-            (files, used.files, MOST_FILES, "open files", ""),
+            (memory, used.own_mib, most_mib(slot.role()), "memory has", " MiB"),
+            (shared, used.shared_mib, most_shared_mib, "shared memory has", " MiB"),
+            (files, used.files, MOST_FILES, "open files have", ""),
         ];
         let mut text = None;
         for (rise, value, bound, what, unit) in rises {
             if rise.sample(value, bound) {
-                let verb = if unit.is_empty() { "have" } else { "has" };
-                text = text.or_else(|| Some(format!("its {what} {verb} grown from {} to {value}{unit}", rise.first)));
+                text = text.or_else(|| Some(format!("its {what} grown from {} to {value}{unit}", rise.first)));
             }
         }
         text.filter(|_| !std::mem::replace(&mut record.told, true))

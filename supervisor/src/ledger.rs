@@ -84,6 +84,14 @@ pub struct Window {
 }
 
 impl Window {
+    /// Counts a tick that had no fresh force, or had one, and in which the host stalled, or did not.
+    pub fn count(&mut self, is_late: bool, is_void: bool) {
+        self.voided += u64::from(is_void);
+        self.ticks += u64::from(!is_void);
+        self.missed += u64::from(is_late && !is_void);
+        self.late += u64::from(is_late);
+    }
+
     /// Whether it holds each of its ticks: the hardware's clock drifts against the station's, by less than one tick in a thousand. Of one that is not whole
     /// nothing can be said, neither that it missed few nor that it missed many.
     pub fn is_whole(&self) -> bool {
@@ -222,10 +230,7 @@ impl Ledger {
         let mut steps_n: [Option<f64>; 2] = [None; 2];
         let mut before = first.checked_sub(1).and_then(|at| self.ticks.get(at));
         for (at, tick) in (first..).zip(self.ticks.range(first..end)) {
-            window.voided += u64::from(tick.void);
-            window.ticks += u64::from(!tick.void);
-            window.missed += u64::from(tick.late && !tick.void);
-            window.late += u64::from(tick.late);
+            window.count(tick.late, tick.void);
             window.wrong += u64::from(tick.wrong);
             if let Some(before) = before.filter(|before| !before.void && !tick.void) {
                 let most_n = &mut steps_n[usize::from(self.is_in_contact_before(at))];

@@ -333,14 +333,16 @@ impl Supervisor {
             self.sample(death.at_ns, slot, None);
             self.cleaner.ask(death.at_ns);
         }
-        let tell = |this: &mut Supervisor| match () {
-            () if is_dismissed => this.faults.dismissed(slot, incarnation, exit, death.at_ns),
-            () if is_mourned => this.mourn(slot, incarnation, exit, death, &words),
-            () => {}
+        let tell = |this: &mut Supervisor| {
+            // Its successor appends to the same file, and would be taken for who has flooded it.
+            journal::keep_small(&this.station, &[slot]);
+            match () {
+                () if is_dismissed => this.faults.dismissed(slot, incarnation, exit, death.at_ns),
+                () if is_mourned => this.mourn(slot, incarnation, exit, death, &words),
+                () => {}
+            }
         };
         if !is_urgent {
-            // Its successor appends to the same file, and would be taken for who has flooded it.
-            journal::keep_small(&self.station, &[slot]);
             tell(self);
         }
         let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
@@ -350,7 +352,6 @@ impl Supervisor {
             system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
         }
         if is_urgent {
-            journal::keep_small(&self.station, &[slot]);
             tell(self);
         }
     }

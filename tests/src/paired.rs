@@ -35,11 +35,7 @@ impl Follower {
     pub fn follow(&mut self) {
         let (end, window) = (self.page.ring_end(LEDGER), &mut self.window);
         for entry in (self.next_key..end).filter_map(|key| self.page.ring(LEDGER, key)) {
-            let (is_late, is_void) = (entry.kind != Applied::Fresh as u32, entry.void != 0);
-            window.ticks += u64::from(!is_void);
-            window.voided += u64::from(is_void);
-            window.missed += u64::from(is_late && !is_void);
-            window.late += u64::from(is_late);
+            window.count(entry.kind != Applied::Fresh as u32, entry.void != 0);
         }
         self.next_key = end;
     }

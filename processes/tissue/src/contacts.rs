@@ -13,8 +13,8 @@ use crate::world::{TOOL_ID, World};
 use glam::Vec3;
 use hyst_contact::{
     ContactForce, Gap, HITS_OF_A_POINT, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput,
-    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Spared, Tissue, Workspace, find_gaps,
-    leads_out, own_face, penetration, planes,
+    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, leads_out,
+    own_face, penetration, planes,
 };
 use hyst_engine::Failure;
 use hyst_messages::Pose;
@@ -210,9 +210,7 @@ impl Contacts {
         let graph = &world.points.graph;
         let input = PenetrationInput { hits, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
         let retreats = [Retreat { owner: TOOL_ID, direction: tool.back }];
-        let spared =
-            Spared { points: [world.case.tool.shaft, world.case.tool.pads].map(|point| point as u32), objects: tool.spared };
-        let params = PenetrationParams { max_depth_m: MAX_DEPTH_M, retreats: &retreats, spared };
+        let params = PenetrationParams { max_depth_m: MAX_DEPTH_M, retreats: &retreats, spared: tool.unmet(world) };
         let (of_tool, of_tissue) = self.memory.split_at_mut(world.points.tool);
         if memory.len() != of_tool.len() {
             return Err(Failure::Broken(format!("the state remembers {} points of {}", memory.len(), of_tool.len())));

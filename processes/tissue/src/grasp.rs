@@ -13,7 +13,7 @@ use crate::tool::{Stand, Tool};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use hyst_contact::{Hit, NONE};
+use hyst_contact::{Hit, NONE, Spared};
 use hyst_messages::stream::ObjectKind;
 use hyst_messages::{Controls, Pose};
 use hyst_tissue::{Hold, gather};
@@ -192,10 +192,14 @@ impl Grasp {
 }
 
 impl ToolMotion<'_> {
-    /// Whether a point of the tool does not meet an object: a jaw does not meet what lies between the jaws.
+    /// What a jaw does not meet: whatever lies between the jaws.
+    pub fn unmet(&self, world: &World) -> Spared<'_> {
+        Spared { points: [world.case.tool.shaft, world.case.tool.pads].map(|point| point as u32), objects: self.spared }
+    }
+
+    /// Whether a point of the tool does not meet an object.
     pub fn spares(&self, world: &World, point: u32, object: Option<&u32>) -> bool {
-        let tool = &world.case.tool;
-        (tool.shaft..tool.pads).contains(&(point as usize)) && object.is_some_and(|object| self.spared.contains(object))
+        object.is_some_and(|object| self.unmet(world).holds(point, *object))
     }
 }
 

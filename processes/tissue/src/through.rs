@@ -115,13 +115,16 @@ impl Through {
                 *memory = Memory::default();
             }
             let known = Some(*memory).filter(|known| known.direction != [0.0; 3]);
-            let entered = self.entered[point].filter(|entered| faces(world, tool, point, entered)).map(|entered| Memory {
-                owner: world.topology.boundary_owner[entered.triangle as usize],
+            let owner_of = |entered: &Crossing| world.topology.boundary_owner[entered.triangle as usize];
+            let is_met = |entered: &Crossing| {
+                faces(world, tool, point, entered) && !tool.spares(world, point as u32, Some(&owner_of(entered)))
+            };
+            let entered = self.entered[point].filter(is_met).map(|entered| Memory {
+                owner: owner_of(&entered),
                 direction: entered.normal,
                 depth_m: 0.0,
                 bent_m: [0.0; 3],
             });
-            let entered = entered.filter(|entered| !tool.spares(world, point as u32, Some(&entered.owner)));
             if known.is_some_and(|known| is_in(&known)) {
                 continue; // what it passes meanwhile lies within that
             }

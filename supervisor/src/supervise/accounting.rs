@@ -4,7 +4,6 @@
 use super::Supervisor;
 use crate::growth::Use;
 use crate::journal;
-use crate::policy::{self, Event};
 use crate::proc;
 use hyst_messages::page::ProcessState;
 use hyst_messages::{Role, Slot};
@@ -68,11 +67,7 @@ impl Supervisor {
             // It stands for a thing outside of the station, which nobody here replaces.
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));
         } else if let Some(text) = grown {
-            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
-            self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
-            let unfit = Event::Unfit { slot, incarnation, reason: "it grows and grows" };
-            let actions = policy::step(now_ns, unfit, &mut self.policy);
-            self.act(actions);
+            self.replace_unfit(now_ns, (slot, incarnation), &text, "growth", "it grows and grows");
         }
     }
 

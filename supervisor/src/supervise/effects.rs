@@ -121,11 +121,21 @@ impl Supervisor {
 
     /// Has a process replaced whose readers die: it counts as a fault of its own.
     fn mistrust(&mut self, slot: Slot, incarnation: u32, reader: Slot) {
-        let text = format!("{slot} (incarnation {incarnation}) is replaced: {reader} reads it and dies again and again");
-        journal::say(&self.station, &text);
-        let now_ns = system::now_ns();
-        self.faults.late(slot, incarnation, now_ns, now_ns, "readers");
-        let reason = "who reads it dies again and again";
+        let why = format!("{reader} reads it and dies again and again");
+        self.replace_unfit(system::now_ns(), (slot, incarnation), &why, "readers", "who reads it dies again and again");
+    }
+
+    /// One that lives and works is not to go on: that is said and booked with what found it, and its work is handed over, or its trial ends for this reason.
+    pub(super) fn replace_unfit(
+        &mut self,
+        now_ns: u64,
+        (slot, incarnation): (Slot, u32),
+        why: &str,
+        by: &str,
+        reason: &'static str,
+    ) {
+        journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {why}"));
+        self.faults.late(slot, incarnation, now_ns, now_ns, by);
         let actions = policy::step(now_ns, Event::Unfit { slot, incarnation, reason }, &mut self.policy);
         self.act(actions);
     }

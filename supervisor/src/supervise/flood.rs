@@ -4,7 +4,6 @@
 
 use super::Supervisor;
 use crate::journal;
-use crate::policy::{self, Event};
 use crate::spawn;
 use hyst_exchange::Station;
 use hyst_messages::{Role, Slot};
@@ -48,11 +47,7 @@ impl Supervisor {
         if slot.role() == Role::Hardware {
             return journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) {floods}"));
         }
-        journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: it {floods}"));
-        self.faults.late(slot, incarnation, now_ns, now_ns, "flood");
-        let unfit = Event::Unfit { slot, incarnation, reason: "it floods its log" };
-        let actions = policy::step(now_ns, unfit, &mut self.policy);
-        self.act(actions);
+        self.replace_unfit(now_ns, (slot, incarnation), &format!("it {floods}"), "flood", "it floods its log");
     }
 }
 

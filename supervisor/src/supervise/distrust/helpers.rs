@@ -4,11 +4,9 @@
 
 use super::FORGOTTEN_NS;
 use crate::mischief::Charge;
-use crate::policy::{self, Event};
-use crate::proc::ThreadFiles;
+use crate::proc::{self, ThreadFiles};
 use crate::supervise::Supervisor;
 use crate::suspicion::{SILENCE_NS, Thread};
-use crate::{journal, proc};
 use hyst_messages::Role;
 use hyst_messages::mischief::Thread as Helper;
 use std::collections::{BTreeMap, BTreeSet};
@@ -93,11 +91,8 @@ impl Supervisor {
             if slot.role() == Role::Hardware || !self.distrusted.helpers.look(incarnation, times_ns, || states(pid, name)) {
                 continue;
             }
-            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: its {name} stands still"));
-            self.faults.late(slot, incarnation, now_ns, now_ns, name);
-            let unfit = Event::Unfit { slot, incarnation, reason: "a thread that helps it stands still" };
-            let actions = policy::step(now_ns, unfit, &mut self.policy);
-            self.act(actions);
+            let (why, reason) = (format!("its {name} stands still"), "a thread that helps it stands still");
+            self.replace_unfit(now_ns, (slot, incarnation), &why, name, reason);
         }
     }
 }
