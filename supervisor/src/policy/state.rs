@@ -125,10 +125,15 @@ impl State {
             _ => None,
         }
     }
-    /// The incarnation in a slot that does its work, and stays.
+    /// The incarnation in a slot that is ready, and stays: one that was killed does nobody's work, however long the kernel keeps it.
+    pub(super) fn staying(&self, slot: Slot) -> Option<u32> {
+        let killed = self.places.get(&slot)?.killed;
+        self.ready(slot).filter(|incarnation| killed != *incarnation)
+    }
+    /// The same, if it does its work.
     pub(super) fn lasting(&self, slot: Slot) -> Option<u32> {
-        let place = self.places.get(&slot)?;
-        self.ready(slot).filter(|incarnation| place.serves == *incarnation && place.killed != *incarnation)
+        let serves = self.places.get(&slot)?.serves;
+        self.staying(slot).filter(|incarnation| serves == *incarnation)
     }
     /// Whether those who read what an incarnation writes die of it, and its own spare as often as they: to wait for that one is in vain.
     pub(super) fn ends_its_spare(&self, slot: Slot, incarnation: u32) -> bool {

@@ -2,7 +2,8 @@
 
 use super::by_hand::alive;
 use super::*;
-use hystation::policy::{Cause, Reason, VACATE_WITHIN_NS, probation_ns};
+use hyst_messages::page::Stage;
+use hystation::policy::{ARRIVE_WITHIN_NS, Cause, Left, Reason, VACATE_WITHIN_NS, probation_ns};
 
 /// A device that was pulled out and stayed away ended the station as a driver that crashes does.
 #[test]
@@ -133,4 +134,38 @@ fn a_guest_whose_work_is_done_and_that_does_not_end_keeps_its_place_and_its_swap
     let done = step(now_ns + VACATE_WITHIN_NS + 1, Event::Tick, &mut state);
     assert_eq!(done, [Action::EndSwap { role: TISSUE, promoted: true }]);
     assert_it_keeps_its_place_alone(now_ns + VACATE_WITHIN_NS + 2, &mut state, guest, recorder);
+}
+
+/// The role went to an old engine that had been told to go, and that a disk kept.
+#[test]
+fn nobody_gives_the_role_to_one_that_was_killed_and_has_not_ended() {
+    let (mut state, [first, second, guest], _) = with_a_guest();
+    let killed = [Action::Kill { slot: first, incarnation: 1 }];
+    let mut undone = state.clone();
+    assert_eq!(step(6, Event::HeartbeatLate { slot: first, incarnation: 1, beat_ns: 5 }, &mut undone), killed);
+    let actions = step(7, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "off") }, &mut undone);
+    let to = |incarnation: u32| Action::HandOver { role: TISSUE, incarnation };
+    assert_eq!(actions[1..], [to(2), Action::Dismiss { slot: guest, incarnation: 3 }], "although the other had it before");
+    let mut now_ns = 5 + probation_ns(TISSUE);
+    step(now_ns, Event::Agreed { incarnation: 3 }, &mut state);
+    step(now_ns, Event::Tick, &mut state);
+    step(now_ns, Event::Died { slot: second, incarnation: 2, exit: KILLED }, &mut state);
+    step(now_ns, Event::Spawned { slot: second, incarnation: 4 }, &mut state);
+    step(now_ns, Event::Ready { slot: second, incarnation: 4 }, &mut state);
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Dismiss { slot: first, incarnation: 1 }]);
+    for given in [vec![], vec![to(4)]] {
+        now_ns += 1 + ARRIVE_WITHIN_NS; // it does not end
+        assert_eq!(step(now_ns, Event::Tick, &mut state), given);
+    }
+}
+
+#[test]
+fn a_servo_is_not_told_to_go_for_one_that_was_killed_and_has_not_ended() {
+    let servos @ [followed, newcomer] = [0, 1].map(|index| Slot::new(Role::Haptic, index).unwrap());
+    let mut state = State::new(&servos);
+    step(0, Event::Started { adopted: vec![(followed, 1), (newcomer, 2)], warming: Vec::new() }, &mut state);
+    step(0, Event::HeartbeatLate { slot: newcomer, incarnation: 2, beat_ns: 0 }, &mut state);
+    let left = Left { slot: newcomer, incarnation: 2, incumbent: 1, proven: true, old: vec![(followed, 1)] };
+    let settled = Action::Told { role: Role::Haptic, stage: Stage::Settled, incarnation: 2 };
+    assert_eq!(step(1, Event::SwapLeft(left), &mut state), [settled]);
 }

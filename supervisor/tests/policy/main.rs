@@ -153,6 +153,7 @@ impl World {
             Action::HandOver { role, incarnation } => {
                 let spare = self.alive.iter().find(|(slot, (alive, _))| slot.role() == role && *alive == incarnation);
                 assert!(spare.is_some_and(|(_, (_, ready))| *ready), "handed over to one that is not ready");
+                assert!(!self.killed.contains(&incarnation), "handed over to one that was killed");
                 assert_ne!(self.holder.insert(role, incarnation), Some(incarnation), "handed over to the holder");
             }
             Action::GoBack { role, ground } => {

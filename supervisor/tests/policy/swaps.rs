@@ -140,7 +140,7 @@ impl World {
         }
     }
 
-    /// Left alone, every swap ends.
+    /// Left alone, every swap ends: whoever was told to go, or was killed, dies.
     pub fn end_swap(&mut self, state: &mut State) {
         for _ in 0..400 {
             if self.stopped || self.swap.is_none() {
@@ -149,6 +149,8 @@ impl World {
             while !self.pending.is_empty() {
                 self.settle_pending(state, true);
             }
+            let killed = self.alive.iter().filter(|(_, (alive, _))| self.killed.contains(alive));
+            self.dismissed.extend(killed.map(|(slot, (alive, _))| (*slot, *alive)));
             while self.bury_dismissed(state) {}
             let waiting: Vec<(Slot, u32)> =
                 self.alive.iter().filter(|(_, (_, ready))| !ready).map(|(slot, (alive, _))| (*slot, *alive)).collect();

@@ -61,10 +61,10 @@ impl State {
         }
     }
 
-    /// A process of the newcomer's role that is ready and is not the newcomer; the one that had the role before, if it is among them.
+    /// A process of the newcomer's role that is ready, stays, and is not the newcomer; the one that had the role before, if it is among them.
     pub(super) fn elder(&self, newcomer: Slot, first: u32) -> Option<u32> {
         let others = self.places.keys().filter(|slot| slot.role() == newcomer.role() && **slot != newcomer);
-        let ready: Vec<u32> = others.filter_map(|slot| self.ready(*slot)).collect();
-        ready.iter().copied().find(|incarnation| *incarnation == first).or(ready.first().copied())
+        let staying: Vec<u32> = others.filter_map(|slot| self.staying(*slot)).collect();
+        staying.iter().copied().find(|incarnation| *incarnation == first).or(staying.first().copied())
     }
 }

@@ -21,11 +21,11 @@ pub(super) fn begin(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> 
     actions
 }
 
-/// Whether each place of the role but the guest's has somebody who is ready, or will have nobody any more. Before, the guest stays: it may be the only one
+/// Whether each place of the role but the guest's has somebody who is ready and stays, or will have nobody any more. Before, the guest stays: it may be the only one
 /// that has the state.
 pub(super) fn others_are_back(swap: &Swap, state: &State) -> bool {
     let mut others = state.places.keys().filter(|slot| slot.role() == swap.role() && **slot != swap.slot);
-    others.all(|slot| state.is_ready(*slot) || state.is_given_up(*slot))
+    others.all(|slot| state.staying(*slot).is_some() || state.is_given_up(*slot))
 }
 
 /// The next slot that an old engine is in; at the end the role goes back from the guest.
@@ -56,7 +56,7 @@ pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
         return tend(now_ns, state);
     }
     let covered = !role.is_replicated()
-        || state.places.keys().any(|other| other.role() == role && *other != slot && state.is_ready(*other));
+        || state.places.keys().any(|other| other.role() == role && *other != slot && state.staying(*other).is_some());
     if told || state.alive(slot) != Some(old) || !covered {
         return Vec::new();
     }
