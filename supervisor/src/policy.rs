@@ -165,7 +165,7 @@ fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, stat
 
 fn unfit(now_ns: u64, slot: Slot, incarnation: u32, reason: &str, state: &mut State) -> Vec<Action> {
     let undone = swap::doubted(now_ns, incarnation, Reason::new(Cause::Unfit, reason), state);
-    if !undone.is_empty() || slot.is_guest() {
+    if !undone.is_empty() || slot.is_guest() && !swap::is_proven(slot, state) {
         return undone;
     }
     // Of two servos, which compute side by side, it is not known here whom the device follows.

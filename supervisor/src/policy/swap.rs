@@ -185,6 +185,11 @@ fn enter(now_ns: u64, stage: Stage, state: &mut State) {
     }
 }
 
+/// Whether the newcomer of the swap that is under way is in this slot, and has passed its probation.
+pub(super) fn is_proven(slot: Slot, state: &State) -> bool {
+    state.swap.as_ref().is_some_and(|swap| swap.slot == slot && swap.is_proven())
+}
+
 /// Somebody of the swap's role is ready.
 pub(super) fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
     let Some(swap) = state.swap.as_mut().filter(|swap| swap.slot == slot && swap.stage == Stage::Arriving) else {

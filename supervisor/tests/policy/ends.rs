@@ -169,3 +169,32 @@ fn a_servo_is_not_told_to_go_for_one_that_was_killed_and_has_not_ended() {
     let settled = Action::Told { role: Role::Haptic, stage: Stage::Settled, incarnation: 2 };
     assert_eq!(step(1, Event::SwapLeft(left), &mut state), [settled]);
 }
+
+/// It was said that a guest which grew was replaced, and nobody replaced it; and of one that had died the swap went on.
+#[test]
+fn a_guest_in_whose_role_nobody_else_comes_to_be_ready_has_the_role_until_it_is_unfit_and_with_its_end_the_swap_is_done() {
+    let (mut state, [first, second, guest], _) = with_a_guest();
+    let mut now_ns = 5 + probation_ns(TISSUE);
+    step(now_ns, Event::Agreed { incarnation: 3 }, &mut state);
+    step(now_ns, Event::Tick, &mut state);
+    for (slot, old, new) in [(second, 2, 4), (first, 1, 5)] {
+        step(now_ns, Event::Died { slot, incarnation: old, exit: KILLED }, &mut state);
+        step(now_ns, Event::Spawned { slot, incarnation: new }, &mut state);
+        now_ns += 1 + ARRIVE_WITHIN_NS;
+        step(now_ns, Event::Tick, &mut state);
+    }
+    for _ in 0..20 {
+        now_ns += 1 + ARRIVE_WITHIN_NS;
+        assert_eq!(step(now_ns, Event::Tick, &mut state), [], "it has the only state");
+    }
+    let mut covered = state.clone();
+    step(now_ns, Event::Ready { slot: second, incarnation: 4 }, &mut covered);
+    assert_eq!(step(now_ns, Event::Tick, &mut covered), [Action::HandOver { role: TISSUE, incarnation: 4 }]);
+    assert_eq!(step(now_ns, Event::Unfit { slot: guest, incarnation: 3, reason: "it grows" }, &mut state), []);
+    assert_eq!(step(now_ns + LEAVE_WITHIN_NS - 1, Event::Tick, &mut state), []);
+    now_ns += LEAVE_WITHIN_NS;
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Kill { slot: guest, incarnation: 3 }]);
+    let died = step(now_ns, Event::Died { slot: guest, incarnation: 3, exit: KILLED }, &mut state);
+    let done = Action::EndSwap { role: TISSUE, promoted: true };
+    assert_eq!(died, [Action::MarkDead { slot: guest, incarnation: 3 }, done]);
+}

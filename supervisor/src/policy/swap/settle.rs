@@ -33,7 +33,8 @@ pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
     let Some(swap) = state.swap.clone() else { return Vec::new() };
     let role = swap.role();
     let Some((slot, old, told)) = swap.rest.first().copied() else {
-        if !swap.slot.is_guest() {
+        // A guest that is gone has nothing to give back.
+        if !swap.slot.is_guest() || state.alive(swap.slot).is_none() {
             state.swap = None;
             return vec![Action::EndSwap { role, promoted: true }];
         }
@@ -41,6 +42,8 @@ pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
         if !is_late && !others_are_back(&swap, state) {
             return Vec::new();
         }
+        // It alone does the role's work, which no bound of time is to cost: each place is filled again and again, and whoever comes to be ready has the role. It
+        // goes before that if it is unfit, as any that is alone, or dies.
         let Some(elder) = state.elder(swap.slot, 0) else { return Vec::new() };
         enter(now_ns, Stage::Returning, state);
         let hand_over = (state.holder(role) == swap.incarnation).then_some(Action::HandOver { role, incarnation: elder });
