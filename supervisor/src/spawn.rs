@@ -4,6 +4,7 @@
 //! The services of an incarnation exist before its process does, and the supervisor holds them while it lives, so that a process that
 //! dies while it starts cannot leave a service half-made.
 
+mod heads;
 mod room;
 mod seat;
 
@@ -123,8 +124,9 @@ pub struct Spawner {
 }
 
 impl Spawner {
-    /// Joins the station's link domain.
+    /// Joins the station's link domain, and has the beginnings of the plan's programs kept in memory.
     pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan) -> Result<Spawner, LinkError> {
+        heads::keep(&plan);
         let links = Links::join(station, "supervisor")?;
         let mortality = Mortality::of(station);
         let limits = Limits::of(station).unwrap_or_else(Limits::own);
@@ -175,7 +177,7 @@ impl Spawner {
         let log = crate::journal::open_log(&self.station, slot, incarnation).map_err(|e| fail(&log_path, e))?;
         let second = log.try_clone().map_err(|e| fail(&log_path, e))?;
         let spawned_ns = system::now_ns();
-        // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
+        // Without pre_exec the standard library uses posix_spawn, which does not copy this process, and waits until the other one has its own program: see `heads`.
         let mut command = Command::new(&binary);
         command
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
