@@ -32,9 +32,12 @@ pub fn pid(number: u32) -> Option<Pid> {
     i32::try_from(number).ok().and_then(Pid::from_raw)
 }
 
-/// A command of the very program that runs, also if its file was replaced or removed meanwhile, as by whoever builds it anew.
+/// The very program that runs, also if its file was replaced or removed meanwhile, as by whoever builds it anew.
+pub const OWN_PROGRAM: &str = "/proc/self/exe";
+
+/// A command of it.
 pub fn own_program() -> Command {
-    let mut command = Command::new("/proc/self/exe");
+    let mut command = Command::new(OWN_PROGRAM);
     command.arg0("hystation");
     command
 }
