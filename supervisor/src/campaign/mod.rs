@@ -62,11 +62,13 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     }
     let blind = fit::warn_of_blind(&campaign).map(str::to_string);
     campaign.cannot_show().iter().chain(&blind).for_each(|line| warn(line));
+    let room = room::check(&campaign, args.report.as_deref()).map_err(|reason| format!("campaign {}: {reason}", campaign.name));
     if args.plan {
+        // The plan is as good as any: what room there is depends on where it is run, and with which --report.
+        room.err().iter().for_each(|reason| warn(&format!("run like this, it would be refused: {reason}")));
         return Ok(0);
     }
-    room::check(&campaign, args.report.as_deref())
-        .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
+    room.map_err(Refusal::input)?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
     store.told_of_cut().iter().for_each(|line| warn(line));
     if let Err(refusal) = store.keep_file(&campaign) {
