@@ -348,6 +348,7 @@ mod tests {
             "hystation fault inject leak-memory fluid:both --rate 16 --for 500ms",
             "hystation fault inject crash-loop recorder --times 2",
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
+            "hystation fault campaign kills.toml --report out --show 17 --json",
             "hystation fault compare before after --file old.toml --file new.toml --json",
             "hystation bench station --json",
             "hystation report a.mcap --html",

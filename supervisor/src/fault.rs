@@ -8,6 +8,7 @@
 //! say (`report::promises`).
 
 pub mod compare;
+pub mod finder;
 
 use crate::corrupt::{Flip, Remains};
 use crate::faultfile::{FaultKind, Helper, Output};
@@ -47,11 +48,6 @@ const QUIET_TICKS: u64 = 10_000;
 /// The kind of a fault that nobody asked for: its victim died or hung by itself.
 pub const EXTERNAL: &str = "external";
 
-/// How a death is found: by the latch of its main thread, or by the end of the process.
-pub const LATCH: &str = "latch";
-/// See [`LATCH`].
-pub const PIDFD: &str = "pidfd";
-
 /// When a death was seen.
 #[derive(Clone, Copy, Debug)]
 pub struct Death {
@@ -79,9 +75,9 @@ pub struct Fault {
     /// The process died, hung, was continued, or did wrong as it was asked to; of what is done to it from outside, bytes that were flipped and files that
     /// it cannot open any more: that it was done, whoever noticed. Of a file system that is filled: that it was full.
     pub manifested: bool,
-    /// `latch`, `pidfd`, `heartbeat`, `guardian`, `growth`, the thread that stood still (`usher` …), or the process that refused its output or did its work, says
-    /// that its disk is full or that it cannot open a newcomer, or died of a full /dev/shm; `supervisor` where it mended what had flipped, or could start nobody
-    /// for want of a file.
+    /// A word of [`finder`], the thread that stood still (`usher` …), or the process that refused its output, missed its answer or did its work, says that its
+    /// disk is full or that it cannot open a newcomer, or died of a full /dev/shm; `guardian` of the supervisor's end; `supervisor` of the guardian's, where it
+    /// mended what had flipped, and where it could start nobody for want of a file.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,
@@ -241,7 +237,7 @@ impl Fault {
 
     /// Whether the process was found by its death, and not ended because it hung.
     pub fn is_found_dead(&self) -> bool {
-        self.dead && [LATCH, PIDFD].contains(&self.detected_by.as_str())
+        self.dead && [finder::LATCH, finder::PIDFD].contains(&self.detected_by.as_str())
     }
 
     /// Whether the hand may feel it, so that it has an account of its own: that of the device, of both servos at once, and one that was asked for as such.

@@ -13,7 +13,7 @@ mod tend;
 pub(crate) mod tests;
 
 use crate::active::ActiveLog;
-use crate::fault::{Death, EXTERNAL, Fault, LATCH, PIDFD, Seen, bounds, judge, look, reach};
+use crate::fault::{Death, EXTERNAL, Fault, Seen, bounds, finder, judge, look, reach};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger};
 use crate::policy::Exit;
@@ -229,7 +229,7 @@ impl Faults {
         };
         if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
-            fault.found_by("heartbeat", at_ns);
+            fault.found_by(finder::HEARTBEAT, at_ns);
             self.keep_open();
         }
     }
@@ -266,7 +266,7 @@ impl Faults {
     /// The process died without being asked to.
     pub fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
         let Death { open_ns, beat_ns, .. } = death;
-        let (by, at_ns) = open_ns.map_or((PIDFD, death.at_ns), |open_ns| (LATCH, open_ns));
+        let (by, at_ns) = open_ns.map_or((finder::PIDFD, death.at_ns), |open_ns| (finder::LATCH, open_ns));
         if let Some(fault) = self.cause(slot, incarnation) {
             fault.manifested = true;
             if fault.detected_us.is_none() {

@@ -304,3 +304,18 @@ fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
     assert!(code == Some(2) && said.contains("missing.toml"), "{code:?} {said}");
     assert_nothing_left();
 }
+
+/// The plan of faults that fill a disk was shown without a word, and the same command without --plan refused.
+#[test]
+fn a_plan_says_what_its_run_would_be_refused_for() {
+    let folder = Folder::new("campaign-room");
+    let text = "[[cell]]\nkinds = [\"disk-full\"]\ntargets = [\"recorder\"]\ncount = 1\nfor = 1.0\n";
+    let (file, out) = (folder.write("full.toml", text), folder.path("out"));
+    let (planned, plan, warned) = campaign(&[&file, "--report", &out, "--plan"]);
+    assert!(planned == Some(0) && plan.contains("disk-full recorder"), "{planned:?} {plan}{warned}");
+    assert!(!folder.as_path().join("out").exists(), "nothing was made");
+    // Refused unless the disk of this test is a small one.
+    let (code, _, refused) = campaign(&[&file, "--report", &out, "--batch", "0"]);
+    assert_eq!(warned.contains("it would be refused: campaign full: cell disk-full"), code == Some(2), "{warned}{refused}");
+    assert_nothing_left();
+}

@@ -211,7 +211,8 @@ mod tests {
         let open = Judgement { done: 5, unknown: vec!["interrupted".into()], ..judgement(3, vec![undecided(None)], vec![]) };
         assert_eq!(unknown(&open), "the campaign as a whole", "of the rest something will be known");
         assert_eq!(advice(&open), ["the plan is not through: the same command goes on"]);
-        let reasons = vec!["the recording lost 3 ticks".to_string(), "fault 1386: a force step of 0.127 N".into()];
+        let of_none = "half of the hangs were found after more than 7.0 ms, limit 4";
+        let reasons = vec![of_none.to_string(), "fault 1386: a force step of 0.127 N".into()];
         let broken = judgement(1, vec![Figures { verdict: Verdict::Broken, reasons, ..undecided(None) }], vec![]);
         assert!(advice(&broken)[0].contains("`--only 1386`"), "{:?}", advice(&broken));
         assert!(advice(&judgement(1, vec![], vec![]))[0].contains("`--only NUMBER`"));

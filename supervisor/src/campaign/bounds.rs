@@ -189,4 +189,19 @@ mod tests {
         let many = Excess::of(20_000, 10_000, 20);
         assert!(many.lower95 > 0.48 && many.upper95 < 0.52, "{many:?}");
     }
+
+    /// The heads of two files told of bounds that were not those of this formula.
+    #[test]
+    fn what_campaigns_say_that_so_many_faults_show_is_so() {
+        let says = |name: &str, words: &str| {
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/campaigns").join(name);
+            let text = std::fs::read_to_string(path).unwrap();
+            assert!(text.contains(words), "{words:?} is not in {name}");
+        };
+        let with_one = (1..200).find(|faults| Excess::of(*faults, 1, 0).upper95 <= 0.05).unwrap();
+        let without = least_faults(0.05).unwrap();
+        let words = format!("{without} with a verdict and without an excess miss show the limit, {with_one} with a single one");
+        says("full.toml", &words);
+        says("quick.toml", &format!("of 12 without an excess miss up to {:.2} per fault", Excess::of(12, 0, 0).upper95));
+    }
 }

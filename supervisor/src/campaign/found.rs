@@ -1,7 +1,7 @@
 //! How soon hangs are found: the promise is three periods of the engine, and a cell may name the bound that its median is held to.
 
 use super::judge::Figures;
-use crate::fault::Fault;
+use crate::fault::{Fault, finder};
 
 /// Fewest hangs that say something of a median.
 const LEAST: usize = 5;
@@ -9,7 +9,7 @@ const LEAST: usize = 5;
 impl Figures {
     /// Adds a fault, if it was found by its silence. What died is found by its end, whenever the system comes to that.
     pub(super) fn take_hang(&mut self, fault: &Fault) {
-        if fault.detected_by == "heartbeat" {
+        if fault.detected_by == finder::HEARTBEAT {
             self.hang_ms.extend(fault.detected_us.map(|us| us * 1e-3));
         }
     }

@@ -115,6 +115,21 @@ pub fn judge(
     judgement
 }
 
+/// The figures of one fault among these outcomes, as of a cell that has no other and no limit; `None` if the campaign has no such cell or arm.
+pub fn of_one(
+    campaign: &Campaign,
+    plan: &Plan,
+    outcomes: &[Outcome],
+    stations: &[StationOutcome],
+    own: &Outcome,
+) -> Option<Figures> {
+    let (cell, arm) = (campaign.cell(&own.cell)?, campaign.arms.iter().find(|arm| arm.name == own.arm)?);
+    let blame = Blame::of(campaign, outcomes, stations);
+    let (steps_n, most_missed) = (quiet_steps_n(arm, outcomes, stations), most_missed_without(arm, outcomes));
+    let known = Known { plan, outcomes: std::slice::from_ref(own), steps_n, most_missed, blame: &blame };
+    Some(conclude(gather(&cell.name, arm, &[cell], &known), None, arm, true, campaign))
+}
+
 impl Judgement {
     /// Whether any promise was judged.
     pub fn has_promises(&self) -> bool {

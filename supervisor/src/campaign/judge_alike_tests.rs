@@ -196,3 +196,20 @@ fn a_window_that_is_mostly_void_is_in_the_bound_with_the_void_ticks() {
     assert_eq!((pool.without_verdict, pool.excess_with_void.unwrap().worse), (200, 200));
     assert_eq!((pool.verdict, judgement.exit_code), (Verdict::Broken, 1));
 }
+
+/// Of a pool that too much was void of only its bounds were told, and these were within its limit.
+#[test]
+fn a_pool_of_which_too_many_faults_have_no_verdict_says_so() {
+    let void = |count: usize| {
+        judged(|cell, at, outcome| {
+            if cell == "kill haptic:active" && at < count {
+                outcome.fault.as_mut().unwrap().window.as_mut().unwrap().voided = 100;
+            }
+        })
+    };
+    let (few, many) = (void(40), void(41));
+    assert_eq!((few.pools[0].verdict, few.pools[0].reasons.len()), (Verdict::Held, 0), "{:?}", few.pools[0]);
+    let line = "41 of its 200 faults have no verdict: more than most_void = 0.2";
+    assert_eq!((many.pools[0].verdict, many.pools[0].reasons.last().map(String::as_str)), (Verdict::Unknown, Some(line)));
+    assert!(many.pools[0].excess.unwrap().upper95 <= 0.1 && text(&many).contains(&format!("station, all: {line}")));
+}

@@ -360,3 +360,16 @@ fn reasons_that_are_left_out_are_numbered() {
         "three of the faults and two of the bound: {reasons:?}"
     );
 }
+
+/// That a recording had lost ticks was said of a cell, and of none of its faults: what to do next had no number for --only.
+#[test]
+fn what_the_recording_lost_is_said_of_the_fault_that_it_was_lost_to() {
+    let (campaign, plan, outcomes) = setup(TEXT);
+    let lost = vec![(outcomes[1].tick + 10, outcomes[1].tick + 14)];
+    let station = StationOutcome { faults: vec![0, 1], lost, ..station(&campaign) };
+    let judgement = judge(&campaign, &plan, &outcomes, &[station], None);
+    let cell = judgement.cells.iter().find(|figures| figures.name == outcomes[1].cell).unwrap();
+    assert_eq!((cell.verdict, cell.data_lost_ticks), (Verdict::Broken, 5));
+    assert_eq!(cell.reasons[0], "fault 1: the recording lost 5 ticks");
+    assert!(text(&judgement).contains("`--only 1` does that fault again"), "{}", text(&judgement));
+}

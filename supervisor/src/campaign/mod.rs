@@ -1,7 +1,7 @@
 //! Fault campaigns: a plan of faults is drawn from a file and a seed, injected into stations of its own, and judged. The plan is printed
-//! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase; the results of two are compared.
+//! first. A campaign can be interrupted, run in batches, and one fault of it shown, or repeated at its tick and phase; the results of two are compared.
 //!
-//! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
+//! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, or nothing to show, 3
 //! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
 //! before its batch was through (Ctrl-C, stations that do not come up, a disk that takes no results).
 
@@ -28,6 +28,7 @@ mod results;
 mod room;
 mod runner;
 pub mod session;
+mod show;
 pub mod stage;
 pub mod station;
 pub mod store;
@@ -50,6 +51,9 @@ use store::Store;
 /// Runs a campaign, or a batch of it; gives the exit code.
 pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     let campaign = file::read(&args.file)?;
+    if let Some((index, folder)) = args.show.zip(args.report.as_deref()) {
+        return show::run(index, folder, &campaign, args);
+    }
     fit::check(&campaign)?;
     let plan = draw::plan(&campaign, args.seed.unwrap_or(campaign.seed));
     if let Some(index) = args.only.filter(|index| *index >= plan.faults.len()) {
@@ -62,11 +66,13 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     }
     let blind = fit::warn_of_blind(&campaign).map(str::to_string);
     campaign.cannot_show().iter().chain(&blind).for_each(|line| warn(line));
+    let room = room::check(&campaign, args.report.as_deref()).map_err(|reason| format!("campaign {}: {reason}", campaign.name));
     if args.plan {
+        // The plan is as good as any: what room there is depends on where it is run, and with which --report.
+        room.err().iter().for_each(|reason| warn(&format!("run like this, it would be refused: {reason}")));
         return Ok(0);
     }
-    room::check(&campaign, args.report.as_deref())
-        .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
+    room.map_err(Refusal::input)?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
     store.told_of_cut().iter().for_each(|line| warn(line));
     if let Err(refusal) = store.keep_file(&campaign) {

@@ -123,7 +123,12 @@ fn wanted_tick(entry: &Entry, cell: &Cell) -> u64 {
 }
 
 /// The exit code, and why: 1 for what breaks a promise by itself in a campaign, too.
-fn conclude(figures: Option<&Figures>, broken: &[String], unknown: &[String], elsewhere: Option<String>) -> (u8, Vec<String>) {
+pub(super) fn conclude(
+    figures: Option<&Figures>,
+    broken: &[String],
+    unknown: &[String],
+    elsewhere: Option<String>,
+) -> (u8, Vec<String>) {
     let is_broken = figures.is_some_and(|figures| figures.verdict == Verdict::Broken);
     let mut why: Vec<String> = broken.to_vec();
     why.extend(figures.into_iter().flat_map(|figures| figures.reasons.clone()));

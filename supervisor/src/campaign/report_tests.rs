@@ -73,7 +73,7 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let text = text::text(&judgement);
     let row = text.lines().find(|line| line.starts_with("kill fluid:active")).unwrap();
     let words: Vec<&str> = row.split_whitespace().collect();
-    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7-3 0.0606 0.1357 0.25 6.100<7.25 17 - 10.0/5.0 0.213/0.087 29 43 37 held latch 59, 13 of 300 ticks right after the windows missed";
+    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7/3 0.0606 0.1357 0.25 6.100<7.25 17 - 10.0/5.0 0.213/0.087 29 43 37 held latch 59, 13 of 300 ticks right after the windows missed";
     assert_eq!(words.join(" "), expected);
 
     let json = serde_json::to_value(&judgement.cells[0]).unwrap();

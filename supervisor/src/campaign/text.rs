@@ -59,7 +59,7 @@ pub(super) fn word(verdict: Verdict) -> &'static str {
 
 /// Faults that missed more and fewer ticks than their controls.
 fn sides(excess: &Excess) -> String {
-    format!("{}-{}", excess.worse, excess.better)
+    format!("{}/{}", excess.worse, excess.better)
 }
 
 /// The median and the largest of an ascending list of times; a dash of none.

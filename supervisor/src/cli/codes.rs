@@ -19,7 +19,7 @@ pub const INJECT: &str = "Exit codes: 0 it was done; 1 it was done by half, nobo
                           and nobody is hurt; 3 it was interrupted, and has ended before its time.";
 /// Of `fault campaign`.
 pub const CAMPAIGN: &str = "Exit codes: 0 every promise held, or the batch is through and the plan is not; 1 a promise was broken; 2 a campaign that cannot \
-                            be; 3 of some promises nothing can be said, or the run stopped before its batch was through.";
+                            be, or nothing to show; 3 of some promises nothing can be said, or the run stopped before its batch was through.";
 /// Of `fault compare`.
 pub const COMPARE: &str = "Exit codes: 0 nothing is worse beyond doubt; 1 something is; 2 one of the two cannot be read; 3 nothing can be compared: they have no \
                            pool and no cell in common of which faults have a verdict in both.";

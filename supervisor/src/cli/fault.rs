@@ -107,10 +107,14 @@ pub struct CampaignArgs {
     /// Repeat this one fault of the plan, at the same tick and phase; one in a swap, as long after the same stage of it.
     #[arg(long, value_name = "N", conflicts_with_all = ["plan", "batch"])]
     pub only: Option<usize>,
+    /// Show what the results have of this one fault of the plan, and do nothing else: as it was drawn and as it came, who found it, its window beside its
+    /// control, and what it comes to by itself.
+    #[arg(long, value_name = "N", requires = "report", conflicts_with_all = ["plan", "only", "batch"])]
+    pub show: Option<usize>,
     /// Do this many faults at most; the next run with the same folder goes on. 0 only judges what there is.
     #[arg(long, value_name = "N", requires = "report")]
     pub batch: Option<usize>,
-    /// Print nothing but JSON on stdout: the report; with --plan the plan, with --only what came of that fault.
+    /// Print nothing but JSON on stdout: the report; with --plan the plan, with --only what came of that fault, with --show what the results have of it.
     #[arg(long)]
     pub json: bool,
 }

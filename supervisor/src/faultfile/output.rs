@@ -80,6 +80,8 @@ impl Injection {
             Output::Cell if is_layout => Some("the layout of a page is checked once, before anybody reads in it"),
             Output::State | Output::Cell => None,
             Output::Appearance if !is_number => Some("that answer has neither stamp nor layout; take nan, inf or range"),
+            // The layout of a servo's is refused before this.
+            Output::Force if !is_number => Some("nobody goes by the stamp of that; take nan, inf or range"),
             _ if !is_number && !is_layout => Some("nobody goes by the stamp of that; take nan, inf, range or layout"),
             _ => None,
         }
@@ -124,5 +126,26 @@ mod tests {
             let text = format!("kind = \"nan\"\ntarget = \"tissue\"\ntick = 1\noutput = \"{name}\"\n");
             assert_eq!(toml::from_str::<Injection>(&text).unwrap().output, Some(output));
         }
+    }
+
+    /// `stamp haptic --output force` was told to take `layout`, which no servo takes.
+    #[test]
+    fn what_a_refusal_advises_is_taken() {
+        let checked = |kind: FaultKind, target: &str, output: Output| {
+            Injection { output: Some(output), ..Injection::now(kind, target) }.check().map(|_| ())
+        };
+        let mut advised = 0;
+        let of_targets = ["device", "haptic", "tissue", "fluid"].map(|target| Output::ALL.map(|(output, _)| (target, output)));
+        for (target, output) in of_targets.into_iter().flatten() {
+            for (kind, name, _) in FaultKind::ALL {
+                let refused = checked(kind, target, output).err().unwrap_or_default();
+                let advice = refused.split_once("; take ").map_or("", |(_, advice)| advice);
+                for other in advice.split([' ', ',']).filter_map(FaultKind::from_name) {
+                    assert_eq!(checked(other, target, output), Ok(()), "{name} {target} {output:?}: {refused}");
+                    advised += 1;
+                }
+            }
+        }
+        assert!(advised > 0);
     }
 }

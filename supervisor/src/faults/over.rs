@@ -1,7 +1,7 @@
 //! How a fault is over whose victim is not the one who ends it: a successor is there, a place is empty on purpose, the keepers are whole again.
 
 use super::{Faults, begin_ns};
-use crate::fault::{EXTERNAL, Fault};
+use crate::fault::{EXTERNAL, Fault, finder};
 use crate::faultfile::{FaultKind, Keepers};
 use crate::journal;
 use crate::keepers::Suffered;
@@ -88,7 +88,7 @@ impl Faults {
             let is_beside_it = [FaultKind::Corrupt, FaultKind::NoFiles].iter().any(|kind| fault.is(*kind));
             fault.dead |= speaks_of_it || !is_beside_it;
             if fault.detected_us.is_none() && speaks_of_it {
-                fault.found_by("swap", at_ns);
+                fault.found_by(finder::SWAP, at_ns);
             }
         }
         self.keep_open();

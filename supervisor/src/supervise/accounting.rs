@@ -2,6 +2,7 @@
 //! all of it.
 
 use super::Supervisor;
+use crate::fault::finder;
 use crate::growth::Use;
 use crate::journal;
 use crate::proc;
@@ -67,7 +68,7 @@ impl Supervisor {
             // It stands for a thing outside of the station, which nobody here replaces.
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));
         } else if let Some(text) = grown {
-            self.replace_unfit(now_ns, (slot, incarnation), &text, "growth", "it grows and grows");
+            self.replace_unfit(now_ns, (slot, incarnation), &text, finder::GROWTH, "it grows and grows");
         }
     }
 

@@ -6,6 +6,7 @@ mod alone;
 mod helpers;
 
 use super::Supervisor;
+use crate::fault::finder;
 use crate::journal;
 use crate::mischief::{self, Charge};
 use crate::policy::{self, Event};
@@ -127,7 +128,7 @@ impl Supervisor {
                         state.map_or("", ProcessState::name)
                     ),
                 );
-                self.faults.late(slot, incarnation, now_ns, now_ns, "page");
+                self.faults.late(slot, incarnation, now_ns, now_ns, finder::PAGE);
                 self.end_guilty(slot, incarnation, now_ns);
             }
         }

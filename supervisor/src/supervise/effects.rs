@@ -1,6 +1,7 @@
 //! What the supervisor does when the policy says so: spawn, mark dead, kill, give up; and the end of its work.
 
 use super::{STOP_NS, Supervisor};
+use crate::fault::finder;
 use crate::intent::{Deed, Intent};
 use crate::journal::{self, Verdict};
 use crate::policy::{self, Action, Event, Exit, Record};
@@ -80,10 +81,10 @@ impl Supervisor {
             return; // it was told to go: that it stands still is no news, and no fault of the station
         }
         let (why, by) = match is_slow {
-            true => ("works so much that it cannot be in time".into(), "processor time"),
+            true => ("works so much that it cannot be in time".into(), finder::PROCESSOR_TIME),
             false => {
                 let silent_ms = at_ns.saturating_sub(beat_ns) / 1_000_000;
-                (format!("hangs (last heartbeat {silent_ms} ms ago{doing})"), "heartbeat")
+                (format!("hangs (last heartbeat {silent_ms} ms ago{doing})"), finder::HEARTBEAT)
             }
         };
         let is_on_the_desk = slot.role() == Role::Hardware; // nobody stands in for it
@@ -122,7 +123,7 @@ impl Supervisor {
     /// Has a process replaced whose readers die: it counts as a fault of its own.
     fn mistrust(&mut self, slot: Slot, incarnation: u32, reader: Slot) {
         let why = format!("{reader} reads it and dies again and again");
-        self.replace_unfit(system::now_ns(), (slot, incarnation), &why, "readers", "who reads it dies again and again");
+        self.replace_unfit(system::now_ns(), (slot, incarnation), &why, finder::READERS, "who reads it dies again and again");
     }
 
     /// One that lives and works is not to go on: that is said and booked with what found it, and its work is handed over, or its trial ends for this reason.

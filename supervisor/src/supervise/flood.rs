@@ -3,6 +3,7 @@
 //! whoever floods it is replaced, or rolled back if it is on trial; of the hardware, a thing outside of the station, it is said.
 
 use super::Supervisor;
+use crate::fault::finder;
 use crate::journal;
 use crate::spawn;
 use hyst_exchange::Station;
@@ -47,7 +48,7 @@ impl Supervisor {
         if slot.role() == Role::Hardware {
             return journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) {floods}"));
         }
-        self.replace_unfit(now_ns, (slot, incarnation), &format!("it {floods}"), "flood", "it floods its log");
+        self.replace_unfit(now_ns, (slot, incarnation), &format!("it {floods}"), finder::FLOOD, "it floods its log");
     }
 }
 

@@ -104,6 +104,8 @@ fn a_fault_that_has_a_result_is_repeated_where_it_came() {
         let index = number(&before["index"]) as usize;
         assert_eq!(before["planned_tick"], drawn["faults"][index]["tick"]);
         assert_eq!(in_swap(before), !before["swap"].is_null(), "{before:#}");
+        let (code, shown, said) = campaign(&[&file, "--report", &out, "--show", &index.to_string()]);
+        assert!(code == Some(0) && shown.contains("\nverdict: "), "{code:?} {shown}{said}");
         let is_repeated = (0..TRIES).any(|_| {
             let (code, found, _) = repeat(&folder, &[&file], index);
             let is_whole = whole(&found["outcome"]);

@@ -178,9 +178,6 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         list.sort_by(f64::total_cmp);
     }
     sums.close(&mut figures);
-    if figures.data_lost_ticks > 0 {
-        figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
-    }
     figures
 }
 

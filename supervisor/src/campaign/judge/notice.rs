@@ -6,8 +6,8 @@ use super::blame::{Blame, Sequel};
 use super::figures::Figures;
 use crate::campaign::cell::Cell;
 use crate::campaign::outcome::Outcome;
-use crate::fault::Fault;
 use crate::fault::compare::excess;
+use crate::fault::{Fault, finder};
 use crate::faultfile::FaultKind;
 use hyst_messages::Role;
 
@@ -31,7 +31,7 @@ pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, S
     match fault.remains {
         _ if fault.dead => (true, format!("died, found by {}", fault.detected_by)),
         // One that only missed its periods and lives on was late, as a host's stall makes anybody; older builds booked that as a notice.
-        _ if !["", "heartbeat"].contains(&fault.detected_by.as_str()) => (true, fault.detected_by.clone()),
+        _ if !["", finder::HEARTBEAT].contains(&fault.detected_by.as_str()) => (true, fault.detected_by.clone()),
         _ if others.is_some() => (true, "others died".into()),
         _ if sequel.began_anew() => (true, "a state began anew".into()),
         _ if has_ended => (true, "the station ended".into()),

@@ -53,7 +53,11 @@ impl Figures {
         if let Some(end) = blame.ended(index) {
             saw("station ended", May::StationEnds, end.into());
         }
-        self.data_lost_ticks = self.data_lost_ticks.saturating_add(blame.lost_ticks(index));
+        let lost = blame.lost_ticks(index);
+        self.data_lost_ticks = self.data_lost_ticks.saturating_add(lost);
+        if lost > 0 {
+            self.reasons.push(format!("fault {index}: the recording lost {lost} ticks"));
+        }
         self.leftovers += blame.leftovers(index);
         self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
     }

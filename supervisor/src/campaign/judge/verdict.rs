@@ -75,13 +75,17 @@ pub(super) fn said(of: &str, excess: &Excess) -> String {
     format!("{of}: {:.4}, one-sided 95 % bounds {:.4} and {:.4}", excess.mean, excess.lower95, excess.upper95)
 }
 
+/// Whether a larger share of its faults than this is without a verdict.
+fn is_too_void(figures: &Figures, most_void: f64) -> bool {
+    figures.without_verdict as f64 > most_void * figures.done() as f64
+}
+
 /// What the bounds of figures say of a limit, of whose faults such a share may be without a verdict.
 pub(super) fn by_limit(figures: &Figures, limit: f64, most_void: f64) -> Verdict {
-    let is_void = figures.without_verdict as f64 > most_void * figures.done() as f64;
     let bounds = [figures.excess, figures.excess_with_void, figures.excess_unnoticed];
     match figures.excess {
         _ if bounds.iter().flatten().any(|excess| excess.lower95 > limit) => Verdict::Broken,
-        _ if is_void || !figures.unsure.is_empty() => Verdict::Unknown,
+        _ if is_too_void(figures, most_void) || !figures.unsure.is_empty() => Verdict::Unknown,
         Some(excess) if excess.upper95 <= limit && unlike(figures, limit).is_none() => Verdict::Held,
         _ => Verdict::Unknown,
     }
@@ -126,9 +130,12 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     if let (None, Verdict::Broken, Some(excess)) = (limit, figures.verdict, figures.excess.filter(|_| !is_wrong)) {
         figures.reasons.push(said("beyond doubt above its pool's limit, faults with excess misses, per fault", &excess));
     }
-    if is_half_judged {
+    let is_unknown = limit.is_some() && figures.verdict == Verdict::Unknown;
+    let is_void = is_unknown && !is_silent && is_too_void(&figures, campaign.most_void);
+    if is_half_judged || is_void {
         let silent = figures.without_verdict;
-        figures.reasons.push(format!("{silent} of its {done} faults have no verdict"));
+        let most = if is_void { format!(": more than most_void = {}", campaign.most_void) } else { String::new() };
+        figures.reasons.push(format!("{silent} of its {done} faults have no verdict{most}"));
     }
     if let Some(excess) = figures.excess_unnoticed.filter(|_| limit.is_some() && figures.verdict != Verdict::Figures) {
         figures.reasons.push(said(&format!("of {} that nobody noticed", excess.faults), &excess));
