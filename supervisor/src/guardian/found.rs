@@ -102,6 +102,8 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order, given_up: &d
         order.write(station);
         return Ok(Ground { page, order, adopted: true });
     }
+    // Not of one that was taken over: that goes on in its own.
+    wanted.settings.record.as_deref().filter(|_| !wanted.in_folder).map_or(Ok(()), folder::check_file)?;
     if !station.leftovers().is_empty() {
         if is_kept_unseen(station) {
             return Err(Refusal::input(format!(
