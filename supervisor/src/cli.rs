@@ -58,6 +58,9 @@ pub enum Command {
     Check {
         /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp). Default: the built-in scene.
         file: Option<PathBuf>,
+        /// Of a case, the anatomy of another seed than its own: seed=7.
+        #[arg(long = "set", value_name = "seed=N")]
+        set: Vec<String>,
         /// As JSON.
         #[arg(long)]
         json: bool,
@@ -349,6 +352,7 @@ mod tests {
             "hystation fault inject crash-loop recorder --times 2",
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
             "hystation fault compare before after --file old.toml --file new.toml --json",
+            "hystation check polyp --set seed=7 --json",
             "hystation bench station --json",
             "hystation report a.mcap --html",
             "hystation report a.mcap --html a.html --json - --csv a.csv --compare b.mcap --compare c.mcap",
