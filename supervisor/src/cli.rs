@@ -6,7 +6,7 @@ mod fault;
 mod windows;
 
 use clap::{Args, Parser, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub use again::Again;
 pub use fault::{CampaignArgs, CompareArgs, FaultCommand, InjectArgs};
@@ -170,6 +170,7 @@ impl Command {
             Command::Fault { command: FaultCommand::Inject(args) } => args.json,
             Command::Fault { command: FaultCommand::Campaign(args) } => args.json,
             Command::Fault { command: FaultCommand::Compare(args) } => args.json,
+            Command::Report(args) => args.json.as_deref() == Some(Path::new("-")), // else a file has it
             _ => false,
         }
     }

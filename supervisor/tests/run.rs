@@ -285,6 +285,13 @@ fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same(
         let plain = Command::new(HYSTATION).args(["--name", &nobody]).args(words).output().unwrap();
         assert!(plain.stdout.is_empty() && !plain.stderr.is_empty(), "{words:?}: {}", text(&plain.stdout));
     }
+    // Its option names a file, which may be stdout.
+    let report = |file: &str| Command::new(HYSTATION).args(["report", "/absent.mcap", "--json", file]).output().unwrap();
+    let output = report("-");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    assert_eq!((output.status.code(), told["exit_code"].as_u64()), (Some(2), Some(2)), "{told:#}");
+    assert!(told["error"].as_str().is_some_and(|error| error.contains("/absent.mcap")), "{told:#}");
+    assert!(report("/absent.json").stdout.is_empty(), "nobody asked for it there");
 }
 
 /// Of a campaign that was killed right after it had started a station the system told that station nothing: it ran on for half an hour.
