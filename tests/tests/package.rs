@@ -301,6 +301,19 @@ fn left(root: &Path) -> Vec<String> {
     found.lines().map(str::to_string).collect()
 }
 
+/// In the midst of a session whoever trained lost the station to a newer package.
+fn assert_lets_a_session_end(root: &Path, package: &str) {
+    let station = root.join("dev/shm/hystation-0-service");
+    std::fs::create_dir(&station).expect("a station's root");
+    for (key, is_session) in [("hand", false), ("case", true), ("record", true)] {
+        std::fs::write(station.join("settings.toml"), format!("headless = true\n{key} = \"/x\"\n")).expect("its settings");
+        let (complained, calls) = dpkg(root, "", &["-i", package]);
+        assert_eq!(calls.iter().any(|call| call.contains(" restart ")), !is_session, "{key}: {calls:?}");
+        assert_eq!(complained.contains("sudo systemctl restart hystation"), is_session, "{key}: {complained}");
+    }
+    std::fs::remove_dir_all(station).expect("it ends");
+}
+
 #[test]
 fn a_package_is_installed_over_a_running_station_removed_and_purged_by_dpkg_and_leaves_nothing() {
     let folder = Folder::new("installed");
@@ -335,6 +348,7 @@ fn a_package_is_installed_over_a_running_station_removed_and_purged_by_dpkg_and_
     assert!(complained.contains("a station still runs the programs of before"), "{complained}");
     assert!(calls.contains(&"deb-systemd-invoke restart hystation.service (there)".to_string()), "{calls:?}");
     assert!(!calls.iter().any(|call| call.contains(" stop ")), "it ran until the new programs were there: {calls:?}");
+    assert_lets_a_session_end(&root, file);
     std::fs::remove_file(root.join("active")).expect("it stands");
     let (complained, calls) = dpkg(&root, "", &["-i", file]);
     assert!(!calls.iter().any(|call| call.contains("restart")), "it was not running: {calls:?}");

@@ -311,6 +311,18 @@ mod tests {
         station.wipe();
     }
 
+    /// By these lines the package's script knows that somebody trains.
+    #[test]
+    fn a_case_and_a_recording_have_a_line_each_in_what_is_laid_down_and_without_them_there_is_none() {
+        let tells = |settings: Settings| {
+            let is_one = |line: &str| line.split_whitespace().next().is_some_and(|key| ["case", "record"].contains(&key));
+            text_of(&settings).unwrap().lines().filter(|line| is_one(line)).count()
+        };
+        let file = || Some(PathBuf::from("/a/b"));
+        let all = Settings { case: file(), record: file(), ..Settings::default() };
+        assert_eq!([tells(Settings::default()), tells(all)], [0, 2]);
+    }
+
     #[test]
     fn a_name_that_is_no_text_is_bad_input_and_one_with_blanks_and_umlauts_is_kept() {
         let of = |name: &[u8]| {
