@@ -115,7 +115,11 @@ fn write(path: &Path, text: &str) -> Result<(), Refusal> {
         .map_err(|error| Refusal::of_system(error.kind(), format!("{}: {error}; look at `df`", path.display())))
 }
 
-fn seed(set: &[String]) -> Result<Option<u32>, Refusal> {
+/// The seed among settings; the last one, if there are several.
+///
+/// # Errors
+/// It is no whole number of 32 bits.
+pub fn seed(set: &[String]) -> Result<Option<u32>, Refusal> {
     let Some(given) = set.iter().rev().find_map(|pair| pair.strip_prefix("seed=")) else { return Ok(None) };
     given.parse().map(Some).map_err(|_| Refusal::input(format!("--set seed={given}: expected a whole number, 0 to {}", u32::MAX)))
 }

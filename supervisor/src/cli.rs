@@ -6,7 +6,7 @@ mod fault;
 mod windows;
 
 use clap::{Args, Parser, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub use again::Again;
 pub use fault::{CampaignArgs, CompareArgs, FaultCommand, InjectArgs};
@@ -58,6 +58,9 @@ pub enum Command {
     Check {
         /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp). Default: the built-in scene.
         file: Option<PathBuf>,
+        /// Of a case, the anatomy of another seed than its own: seed=7.
+        #[arg(long = "set", value_name = "seed=N")]
+        set: Vec<String>,
         /// As JSON.
         #[arg(long)]
         json: bool,
@@ -167,6 +170,7 @@ impl Command {
             Command::Fault { command: FaultCommand::Inject(args) } => args.json,
             Command::Fault { command: FaultCommand::Campaign(args) } => args.json,
             Command::Fault { command: FaultCommand::Compare(args) } => args.json,
+            Command::Report(args) => args.json.as_deref() == Some(Path::new("-")), // else a file has it
             _ => false,
         }
     }
@@ -350,6 +354,7 @@ mod tests {
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
             "hystation fault campaign kills.toml --report out --show 17 --json",
             "hystation fault compare before after --file old.toml --file new.toml --json",
+            "hystation check polyp --set seed=7 --json",
             "hystation bench station --json",
             "hystation report a.mcap --html",
             "hystation report a.mcap --html a.html --json - --csv a.csv --compare b.mcap --compare c.mcap",

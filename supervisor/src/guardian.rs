@@ -41,6 +41,7 @@ use order::Order;
 use printer::Printer;
 pub use room::size_for;
 use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
+pub use session::PAGE_NS;
 use session::Session;
 use std::io::IsTerminal;
 use std::os::unix::net::UnixListener;
@@ -359,7 +360,7 @@ impl Guardian {
             report["recording"] = serde_json::json!(recording);
         }
         let unbegun = remove_unbegun(&station, &self.order);
-        let session = Session::of(&station, &self.order, self.case_over_ns.is_some());
+        let session = Session::of(&station, &self.order);
         crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);

@@ -5,8 +5,8 @@
 use crate::settings::{Refusal, own_folder};
 use std::path::{Component, Path, PathBuf};
 
-/// Where they lie, from the folder of the programs: of the package, and of a build in its sources.
-const FOLDERS: [&str; 2] = ["../../share/hystation/cases", "../../assets/cases"];
+/// Where they lie, from the folder of the programs: of programs in a `bin` beside them; of the package, and of a build in its sources.
+const FOLDERS: [&str; 4] = ["../share/hystation/cases", "../assets/cases", "../../share/hystation/cases", "../../assets/cases"];
 
 /// The file that a word of the command line means, beside the programs that run now.
 ///
@@ -79,6 +79,22 @@ mod tests {
         }
         std::fs::write(shipped.join("septum.toml"), "").unwrap();
         assert_eq!(file_beside(&build, "septum".into()), shipped.join("septum.toml").canonicalize().unwrap());
+        std::fs::remove_dir_all(root).unwrap();
+    }
+
+    /// Programs in /opt/hystation/bin found the cases at /opt/assets, and nowhere in their own folder.
+    #[test]
+    fn programs_in_a_folder_of_their_own_find_the_cases_in_it_before_those_outside_of_it() {
+        let root = std::env::temp_dir().join(format!("hystation-beside-{}", std::process::id()));
+        let programs = root.join("hystation/bin");
+        std::fs::create_dir_all(&programs).unwrap();
+        for folder in ["assets/cases", "share/hystation/cases", "hystation/assets/cases", "hystation/share/hystation/cases"] {
+            let cases = root.join(folder);
+            std::fs::create_dir_all(&cases).unwrap();
+            std::fs::write(cases.join("polyp.toml"), "").unwrap();
+            assert_eq!(file_beside(&programs, "polyp".into()), cases.join("polyp.toml").canonicalize().unwrap(), "{folder}");
+        }
+        assert_eq!(names(&programs), ["polyp"]);
         std::fs::remove_dir_all(root).unwrap();
     }
 

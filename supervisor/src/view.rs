@@ -1,17 +1,19 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
+mod epoch;
 mod flow;
 mod told;
 
 use crate::recording::{self, RecordingView};
 use hyst_engine::Address;
-use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
+use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, system};
 use hyst_messages::page::{header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, counted_since, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use epoch::epoch_of;
 use flow::{on_scope_mn_of, steps_of, transmittance_of};
 
 pub use flow::StepView;
@@ -24,7 +26,7 @@ pub struct ProcessView {
     pub name: String,
     /// Process id.
     pub pid: u32,
-    /// Epoch in which it holds its role, 0 if it does not.
+    /// Epoch in which it holds its role, 0 if it holds none with a state; of the supervisor, how often one was started.
     pub epoch: u32,
     /// `starting`, `warming`, `spare`, `live`, `stopping`, `failed` or `dead`.
     pub state: &'static str,
@@ -232,6 +234,7 @@ impl Viewer {
         let mut view = ProcessView {
             name: slot.to_string(),
             pid: self.page.pid(slot),
+            epoch: epoch_of(&self.page, &self.roster, slot),
             state: if alive { "live" } else { "dead" },
             active: self.is_active(slot),
             incarnation: self.page.incarnation(slot),
@@ -242,7 +245,6 @@ impl Viewer {
             ..ProcessView::default()
         };
         if slot.role() == Role::Supervisor {
-            view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
             view.restarts = (view.epoch as u64).saturating_sub(1);
         }
         let before = self.before.remove(&slot).filter(|before| before.incarnation == view.incarnation);
@@ -256,7 +258,6 @@ impl Viewer {
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.on_scope_mn = if slot.role() == Role::Fluid { on_scope_mn_of(page) } else { None };
         view.transmittance = if slot.role() == Role::Fluid { transmittance_of(page) } else { None };
-        view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
         if alive {
             view.state = page.state().name();

@@ -162,16 +162,18 @@ fn what_a_dead_station_left_is_removed_and_its_living_engines_are_stopped() {
     assert_eq!(place.call(&["stop"]).status.code(), Some(2), "nothing to stop");
 }
 
+/// Whether all of a station that records are well.
+fn is_whole(rows: &[(String, u64, String)]) -> bool {
+    let well = |(_, _, state): &(String, u64, String)| state == "live" || state == "spare";
+    rows.len() == PROCESSES + 1 && rows.iter().all(well)
+}
+
 #[test]
 fn a_recording_named_by_its_folder_has_one_file_whoever_takes_the_station_over_and_each_station_has_its_own() {
     let place = Place::new("folder");
     let sessions = place.folder.join("sessions");
     let folder = format!("{}/", sessions.display());
     let words = ["--record", &folder, "--set", "trainee=Ana Müller"];
-    let is_whole = |rows: &[(String, u64, String)]| {
-        let well = |(_, _, state): &(String, u64, String)| state == "live" || state == "spare";
-        rows.len() == PROCESSES + 1 && rows.iter().all(well)
-    };
     let files = || {
         let names = std::fs::read_dir(&sessions).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
         names.collect::<Vec<String>>()
@@ -198,6 +200,35 @@ fn a_recording_named_by_its_folder_has_one_file_whoever_takes_the_station_over_a
     assert!(place.call(&["stop"]).status.success());
     child.wait_with_output().unwrap();
     assert!(files().len() == 2 && files().contains(&first[0]), "{:?}", files());
+}
+
+/// The whole station was started, and ended when its recorder was given up.
+#[test]
+fn a_file_that_is_there_already_is_refused_before_anything_is_started_and_who_takes_a_station_over_goes_on_with_its_own() {
+    let place = Place::new("named");
+    let file = place.folder.join("monday.mcap");
+    let words = ["--record", file.to_str().unwrap()];
+    let mut child = place.start(&words);
+    let rows = place.wait("ready", is_whole);
+    std::fs::write(&file, "ticks").unwrap(); // as a recorder does, which none of these is
+    let keepers = ["guardian", "supervisor"].map(|keeper| pid_of(&rows, keeper));
+    keepers.iter().for_each(|pid| kill(*pid));
+    child.wait().unwrap();
+    keepers.iter().for_each(|pid| place::ended(*pid)); // until then they have the station's name
+    let child = place.start(&words);
+    let after = place.wait("others keep it", |rows| {
+        is_whole(rows) && rows.iter().all(|(name, pid, _)| name != "guardian" || !keepers.contains(pid))
+    });
+    assert_eq!(pid_of(&after, "recorder"), pid_of(&rows, "recorder"), "it was taken over");
+    assert!(place.call(&["stop"]).status.success());
+    child.wait_with_output().unwrap();
+
+    let output = place.start(&[words[0], words[1], "--for", "100ms"]).wait_with_output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.lines().count() == 1 && said.contains("monday.mcap: it is there already"), "{said}");
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+    assert_eq!(std::fs::read(&file).unwrap(), b"ticks");
 }
 
 /// Whoever was born while a keeper's limit was lowered kept that for its whole life.
@@ -254,6 +285,13 @@ fn what_is_refused_is_json_for_whoever_asks_for_that_and_a_message_all_the_same(
         let plain = Command::new(HYSTATION).args(["--name", &nobody]).args(words).output().unwrap();
         assert!(plain.stdout.is_empty() && !plain.stderr.is_empty(), "{words:?}: {}", text(&plain.stdout));
     }
+    // Its option names a file, which may be stdout.
+    let report = |file: &str| Command::new(HYSTATION).args(["report", "/absent.mcap", "--json", file]).output().unwrap();
+    let output = report("-");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    assert_eq!((output.status.code(), told["exit_code"].as_u64()), (Some(2), Some(2)), "{told:#}");
+    assert!(told["error"].as_str().is_some_and(|error| error.contains("/absent.mcap")), "{told:#}");
+    assert!(report("/absent.json").stdout.is_empty(), "nobody asked for it there");
 }
 
 /// Of a campaign that was killed right after it had started a station the system told that station nothing: it ran on for half an hour.

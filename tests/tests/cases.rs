@@ -243,6 +243,17 @@ fn a_station_that_is_to_end_with_its_session_says_how_it_ended_and_does() {
 }
 
 #[test]
+fn a_check_shows_a_case_of_another_seed_and_a_scene_has_none() {
+    let check = |words: &[&str]| run(hystation().args(["check", "--json"]).args(words));
+    let case = shipped("polyp").display().to_string();
+    let (code, told, said) = check(&[&case, "--set", "seed=7"]);
+    let report: Value = serde_json::from_str(&told).unwrap_or_else(|error| panic!("{error}: {told}{said}"));
+    assert_eq!((code, report["case"]["seed"].as_u64(), report["origin"].as_str()), (Some(0), Some(7), Some(case.as_str())));
+    let (code, _, said) = check(&["--set", "seed=7"]);
+    assert!(code == Some(2) && said.contains("a case alone has a seed"), "{code:?} {said}");
+}
+
+#[test]
 fn what_has_no_end_or_nobody_who_sees_it_cannot_be_run_until_then() {
     let folder = Folder::new("case-endless");
     let case = short_case(&folder);

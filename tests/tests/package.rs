@@ -261,6 +261,23 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     assert_eq!(report["leftovers"], serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 }), "{err}");
 }
 
+/// Whoever began a case from the menu had nothing of it afterwards.
+#[test]
+fn a_case_of_the_menu_ends_with_its_session_and_is_recorded_into_a_folder_of_the_users_home() {
+    let home = Folder::new("menu of a user");
+    let program = home.write("hystation", "#!/bin/sh\nprintf '%s\\n' \"$@\"\n");
+    std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("its rights");
+    // In a text of such a file a backslash stands for itself only where it is two. What is left then is quoted as for a shell.
+    let entry = include_str!("../../assets/debian/hystation.desktop");
+    let commands = entry.lines().filter_map(|line| line.strip_prefix("Exec=")).map(|command| command.replace(r"\\", r"\"));
+    let path = format!("{}:{PATH}", home.as_path().display());
+    let started =
+        |command: String| said(Command::new("sh").args(["-c", &command]).env("PATH", &path).env("HOME", home.as_path()));
+    let of_case = |case: &str| format!("run\n{case}\n--until-end\n--record\n{}\n", home.path("hystation-sessions/"));
+    let wanted = ["run\n".to_string(), of_case("access"), of_case("navigation"), of_case("polyp")];
+    assert_eq!(commands.map(started).collect::<Vec<_>>(), wanted);
+}
+
 /// Where the shell looks for programs in a root of its own.
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
 
@@ -301,6 +318,19 @@ fn left(root: &Path) -> Vec<String> {
     found.lines().map(str::to_string).collect()
 }
 
+/// In the midst of a session whoever trained lost the station to a newer package.
+fn assert_lets_a_session_end(root: &Path, package: &str) {
+    let station = root.join("dev/shm/hystation-0-service");
+    std::fs::create_dir(&station).expect("a station's root");
+    for (key, is_session) in [("hand", false), ("case", true), ("record", true)] {
+        std::fs::write(station.join("settings.toml"), format!("headless = true\n{key} = \"/x\"\n")).expect("its settings");
+        let (complained, calls) = dpkg(root, "", &["-i", package]);
+        assert_eq!(calls.iter().any(|call| call.contains(" restart ")), !is_session, "{key}: {calls:?}");
+        assert_eq!(complained.contains("sudo systemctl restart hystation"), is_session, "{key}: {complained}");
+    }
+    std::fs::remove_dir_all(station).expect("it ends");
+}
+
 #[test]
 fn a_package_is_installed_over_a_running_station_removed_and_purged_by_dpkg_and_leaves_nothing() {
     let folder = Folder::new("installed");
@@ -335,6 +365,7 @@ fn a_package_is_installed_over_a_running_station_removed_and_purged_by_dpkg_and_
     assert!(complained.contains("a station still runs the programs of before"), "{complained}");
     assert!(calls.contains(&"deb-systemd-invoke restart hystation.service (there)".to_string()), "{calls:?}");
     assert!(!calls.iter().any(|call| call.contains(" stop ")), "it ran until the new programs were there: {calls:?}");
+    assert_lets_a_session_end(&root, file);
     std::fs::remove_file(root.join("active")).expect("it stands");
     let (complained, calls) = dpkg(&root, "", &["-i", file]);
     assert!(!calls.iter().any(|call| call.contains("restart")), "it was not running: {calls:?}");

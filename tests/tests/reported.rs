@@ -4,8 +4,9 @@
 use serde_json::Value;
 use station_tests::browser::{Browser, has_chromium};
 use station_tests::shown::not_shown;
-use station_tests::{Folder, hystation, run};
-use std::path::Path;
+use station_tests::{Folder, START_LIMIT, hystation, run, wait_for};
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
 
 /// Colours by which a picture differs from an empty one.
 const COLOURS: u64 = 100;
@@ -47,9 +48,13 @@ const TEXTS: &str = r"(() => {
 /// Whom the report names.
 const TRAINEE: &str = "Ana Müller";
 
+fn polyp_case() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/polyp.toml").display().to_string()
+}
+
 /// The polyp case from its start to its report, in real time by all processes of a station: the report for programs, and the page.
 fn session(folder: &Folder) -> (Value, String) {
-    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/polyp.toml").display().to_string();
+    let case = polyp_case();
     let (recording, page) = (folder.path("session.mcap"), folder.path("page.html"));
     let (station, trainee) = (format!("r{}", std::process::id()), format!("trainee={TRAINEE}"));
     let mut command = hystation();
@@ -121,4 +126,30 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
     assert!(grounds[0] > 0.5 && grounds[1] < 0.1 && grounds[2] > 0.9, "by day, by night, on paper: {grounds:?}");
     let (_, colours) = browser.screenshot();
     assert!(colours >= 2 && browser.faults.is_empty(), "{:?}", browser.faults);
+}
+
+/// One that was ended by hand had no page, not even where a class's sessions have theirs.
+#[test]
+fn a_session_that_is_stopped_has_its_page_beside_its_recording_and_the_stop_waits_for_that() {
+    let folder = Folder::new("stopped");
+    let (sessions, station) = (folder.path("sessions/"), format!("q{}", std::process::id()));
+    let mut command = hystation();
+    command.args(["--name", &station, "run", &polyp_case(), "--headless", "--hand", "script:resects", "--for", "180s"]);
+    command.args(["--roles", "hardware,device,haptic,tissue,fluid,collision-worker,recorder", "--record", &sessions]);
+    let log = std::fs::File::create(folder.path("said")).expect("a file");
+    let mut child = command.stdout(Stdio::null()).stderr(log).spawn().expect("hystation");
+    let has_ticks = wait_for(START_LIMIT, || {
+        let (_, status, _) = run(hystation().args(["--name", &station, "status", "--json"]));
+        let status: Value = serde_json::from_str(&status).ok()?;
+        status["recording"]["ticks"].as_u64().filter(|ticks| *ticks > 1_000)
+    });
+    let (code, _, told) = run(hystation().args(["--name", &station, "stop"]));
+    let files = std::fs::read_dir(&sessions).into_iter().flatten().flatten().map(|entry| entry.path());
+    let pages: Vec<PathBuf> = files.filter(|file| file.extension().is_some_and(|end| end == "html")).collect();
+    child.wait().expect("hystation");
+    let said = folder.read("said");
+    assert!(has_ticks.is_some() && code == Some(0), "{code:?} {told}\n{said}");
+    let [page] = &pages[..] else { panic!("{pages:?}: {said}") };
+    assert!(said.contains(&format!("the report of the session is {}", page.display())), "{said}");
+    assert!(std::fs::read_to_string(page).expect("a page").contains("Resection of a polyp"), "{}", page.display());
 }

@@ -21,7 +21,7 @@ pub struct Process {
     pub name: String,
     /// Process id.
     pub pid: u32,
-    /// Epoch in which it holds its role.
+    /// Epoch in which it holds its role, 0 if it holds none with a state.
     pub epoch: u32,
     /// `live`, `spare`, `dead` …
     pub state: String,

@@ -69,7 +69,7 @@ pub use parse::MAX_SCENE_BYTES;
 pub use parts::LEAST_PART_M3;
 pub use pose::{HandLeg, LoadedHand, Pose};
 pub use region::{LoadedRegion, MaterialRegion, Part};
-pub use report::{CheckReport, ObjectReport, check};
+pub use report::{CheckReport, ObjectReport, check, check_drawn};
 pub use rigid::{LoadedRigid, OUTFLOW_RADII, collision_points};
 pub use signal::Signal;
 pub use source::MAX_MESH_BYTES;

@@ -90,6 +90,11 @@ pub struct ObjectReport {
 /// Checks a scene or a mesh, the default scene where none is named, without starting anything. What cannot be read or not be run is a report
 /// with `runnable == false` and the reason.
 pub fn check(path: Option<&Path>) -> CheckReport {
+    check_drawn(path, None)
+}
+
+/// The same, of a case with the anatomy of another seed than its own; of a scene, which has none, that changes nothing.
+pub fn check_drawn(path: Option<&Path>, seed: Option<u32>) -> CheckReport {
     let origin = path.map_or(embedded::DEFAULT_ORIGIN.to_owned(), |path| path.display().to_string());
     let mut report = CheckReport {
         origin,
@@ -102,13 +107,13 @@ pub fn check(path: Option<&Path>) -> CheckReport {
         hash: String::new(),
         case: None,
     };
-    if let Err(error) = find(path, &mut report) {
+    if let Err(error) = find(path, seed, &mut report) {
         report.refuse(error.to_string());
     }
     report
 }
 
-fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError> {
+fn find(path: Option<&Path>, seed: Option<u32>, report: &mut CheckReport) -> Result<(), SceneError> {
     let embedded = || -> Result<ReadScene, SceneError> {
         let (text, origin) = (embedded::DEFAULT_SCENE.to_owned(), report.origin.clone());
         Ok(ReadScene { scene: Scene::embedded_default()?, text, origin, folder: Folder::Embedded })
@@ -130,7 +135,7 @@ fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError>
         report.objects.push(object_report(&deformable.name, scale_to_m, &raw));
     }
     let settled = match (case, path) {
-        (Some(_), Some(path)) => case::find_case(path, None)?,
+        (Some(_), Some(path)) => case::find_case(path, seed)?,
         _ => None,
     };
     match settled {

@@ -296,6 +296,18 @@ fn a_scripted_hand_cuts_the_polyp_of_most_seeds() {
     assert!(cuts(&1), "the shipped seed");
 }
 
+/// What a class would be given was to be seen only once a station ran.
+#[test]
+fn a_check_of_another_seed_shows_what_that_one_draws() {
+    let path = folder().join("polyp.toml");
+    let [own, other] = [None, Some(7)].map(|seed| hyst_scene::check_drawn(Some(&path), seed));
+    assert_eq!(own, hyst_scene::check(Some(&path)));
+    let drawn = settled("polyp", Some(7));
+    assert!(other.runnable && other.hash != own.hash, "{other}");
+    assert_eq!((other.hash, other.origin), (format!("{:016x}", drawn.scene.hash), own.origin));
+    assert_eq!(other.case, Some(drawn.brief));
+}
+
 /// A teacher tries the case's own seed, and the class is given another one.
 #[test]
 fn a_check_names_the_seeds_with_which_a_case_would_be_refused() {

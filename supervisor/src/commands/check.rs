@@ -1,10 +1,12 @@
 //! `hystation check`, and the check that `run` makes before anything starts.
 
 use super::bench::{beside, not_started};
-use crate::case::RunCase;
+use crate::case::{self, RunCase};
+use crate::cli::{RunArgs, StationArgs};
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use hyst_engine::Settings;
+use hyst_exchange::Station;
 use hyst_messages::Role;
 use hyst_scene::{LoadedHand, LoadedScene};
 use std::path::Path;
@@ -82,12 +84,25 @@ fn load(path: Option<&Path>) -> Result<LoadedScene, Refusal> {
     hyst_scene::load_or_embedded(path).map_err(|error| Refusal::input(error.to_string()))
 }
 
+/// The seed that a check is of; whatever else a station can be set to is not looked at.
+fn seed_of(set: &[String]) -> Result<Option<u32>, Refusal> {
+    match set.iter().find(|pair| !pair.starts_with("seed=")) {
+        Some(other) => Err(Refusal::input(format!("--set {other}: a check takes the seed of a case alone, --set seed=7"))),
+        None => case::seed(set),
+    }
+}
+
 /// Prints what was found in a scene, a case or a mesh, the default scene where none is named, and what will be done about it; exit code 2 if the station
 /// cannot run it.
-pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
-    let mut report = hyst_scene::check(file);
+pub fn check(station: &Station, file: Option<&Path>, set: &[String], json: bool) -> Result<u8, Refusal> {
+    let seed = seed_of(set)?;
+    let mut report = hyst_scene::check_drawn(file, seed);
     if report.runnable {
-        match model(&beside("tissue")?, file, None, true) {
+        // The Main Loop draws what its file says: it is given one that says this seed.
+        let station_args = StationArgs { set: set.to_vec(), ..StationArgs::default() };
+        let args = RunArgs { scene: file.map(Path::to_path_buf), station: station_args, ..RunArgs::default() };
+        let drawn = if seed.is_some() { RunCase::of(station, &args)? } else { None };
+        match model(&beside("tissue")?, drawn.as_ref().map_or(file, |case| Some(case.beside.as_path())), None, true) {
             Ok(notes) => report.notes.extend(notes),
             Err(refusal) => report.refuse(refusal.message),
         }
@@ -105,6 +120,16 @@ pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_check_takes_a_seed_and_no_other_setting() {
+        let of = |words: &[&str]| {
+            let set: Vec<String> = words.iter().map(ToString::to_string).collect();
+            seed_of(&set).map_err(|refusal| refusal.code)
+        };
+        assert_eq!([of(&[]), of(&["seed=7"]), of(&["seed=7", "seed=8"])], [Ok(None), Ok(Some(7)), Ok(Some(8))]);
+        assert_eq!([of(&["view=external"]), of(&["seed=x"]), of(&["seed=7", "seed"])], [Err(2), Err(2), Err(2)]);
+    }
 
     /// A case's own hand was told that it cuts nothing, because it was not called polyp.
     #[test]

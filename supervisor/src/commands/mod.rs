@@ -61,7 +61,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Logs { process, follow } => logs::logs(&station, process.as_deref(), follow),
         Command::Stop => stop::stop(&station),
         Command::Fault { command } => fault::fault(&station, command),
-        Command::Check { file, json } => check::check(crate::shipped::file(file)?.as_deref(), json),
+        Command::Check { file, set, json } => check::check(&station, crate::shipped::file(file)?.as_deref(), &set, json),
         Command::Doctor { json } => doctor::doctor(json),
         Command::Bench { what, mesh, windows, json } => bench::bench(&what, mesh.as_deref(), windows, json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),

@@ -2,7 +2,8 @@
 
 use super::no_station;
 use crate::control::{self, Request};
-use crate::remains;
+use crate::guardian::PAGE_NS;
+use crate::remains::{self, Living};
 use crate::settings::Refusal;
 use hyst_exchange::{Station, system};
 use hyst_messages::page::station as layout;
@@ -11,11 +12,12 @@ use hyst_messages::page::station as layout;
 const PATIENCE_NS: u64 = 10_000_000_000;
 const LOOK_NS: u64 = 10_000_000;
 
-/// Stops the station and waits until nothing of it is left.
+/// Stops the station and waits until nothing of it is left, and the page of its session is made.
 pub fn stop(station: &Station) -> Result<u8, Refusal> {
     if station.leftovers().is_empty() && remains::living(station).is_empty() {
         return Err(no_station(station));
     }
+    let mut guardian = remains::guardian(station);
     if control::ask(station, &Request::Stop).is_err()
         && let Ok(page) = station.open_for_keeping()
     {
@@ -25,6 +27,7 @@ pub fn stop(station: &Station) -> Result<u8, Refusal> {
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     // A supervisor whose guardian died leaves a stand-in before it goes.
     while (remains::guardian(station).is_some() || remains::supervisor(station).is_some()) && system::now_ns() < deadline_ns {
+        guardian = remains::guardian(station).or(guardian);
         system::sleep_ns(LOOK_NS);
     }
     if remains::guardian(station).is_some() {
@@ -32,6 +35,11 @@ pub fn stop(station: &Station) -> Result<u8, Refusal> {
             "the guardian of station {:?} does not end; kill it and call stop again",
             station.name()
         )));
+    }
+    // One that lives removes everything by itself. Until the page is made it has the name, and cores that the next station needs; what there is of a station
+    // after that is of the next one.
+    if guardian.as_ref().is_some_and(ends) {
+        return Ok(0);
     }
     remains::wait_until_gone(station, system::now_ns() + crate::supervise::STOP_NS, || {});
     let killed = remains::kill_all(station, || {});
@@ -43,4 +51,14 @@ pub fn stop(station: &Station) -> Result<u8, Refusal> {
         [] => Ok(0),
         left => Err(Refusal::failed(format!("cannot remove {left:?}; remove it by hand"))),
     }
+}
+
+/// Waits for the end of a guardian, as long as a page may take; false if it had come before, or does not come.
+fn ends(guardian: &Living) -> bool {
+    let deadline_ns = system::now_ns() + PAGE_NS;
+    let lived = guardian.is_alive();
+    while guardian.is_alive() && system::now_ns() < deadline_ns {
+        system::sleep_ns(LOOK_NS);
+    }
+    lived && !guardian.is_alive()
 }

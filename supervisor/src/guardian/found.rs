@@ -102,6 +102,8 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order, given_up: &d
         order.write(station);
         return Ok(Ground { page, order, adopted: true });
     }
+    // Not of one that was taken over: that goes on in its own.
+    wanted.settings.record.as_deref().filter(|_| !wanted.in_folder).map_or(Ok(()), folder::check_file)?;
     if !station.leftovers().is_empty() {
         if is_kept_unseen(station) {
             return Err(Refusal::input(format!(
@@ -307,6 +309,18 @@ mod tests {
         let _held = name::lock(&station).unwrap().unwrap();
         assert!(is_kept_unseen(&station));
         station.wipe();
+    }
+
+    /// By these lines the package's script knows that somebody trains.
+    #[test]
+    fn a_case_and_a_recording_have_a_line_each_in_what_is_laid_down_and_without_them_there_is_none() {
+        let tells = |settings: Settings| {
+            let is_one = |line: &str| line.split_whitespace().next().is_some_and(|key| ["case", "record"].contains(&key));
+            text_of(&settings).unwrap().lines().filter(|line| is_one(line)).count()
+        };
+        let file = || Some(PathBuf::from("/a/b"));
+        let all = Settings { case: file(), record: file(), ..Settings::default() };
+        assert_eq!([tells(Settings::default()), tells(all)], [0, 2]);
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! What whoever trained is told at the end: where the report of their session is, or how they come by it. A session that came to its own end, of which the
-//! folder of its recording was named, has its page made beside that, before a service begins the next one.
+//! What whoever trained is told at the end: where the report of their session is, or how they come by it. A session of which the folder of its recording was
+//! named has its page made beside that, however it ended, before a service begins the next one.
 
 use super::order::Order;
 use crate::notify::Notifier;
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 
 /// How long a page may take, ns: ten times and more of what an hour's takes on two cores (docs/speed.md).
-const MOST_NS: u64 = 120_000_000_000;
+pub const PAGE_NS: u64 = 120_000_000_000;
 /// Between two looks whether it is there, ns.
 const LOOK_NS: u64 = 20_000_000;
 
@@ -24,13 +24,13 @@ pub(super) struct Session {
 }
 
 impl Session {
-    /// That of a station whose processes have ended and which is not removed yet; `is_over` if it came to its own end. A replay's is the recorded one's.
-    pub(super) fn of(station: &Station, order: &Order, is_over: bool) -> Option<Session> {
+    /// That of a station whose processes have ended and which is not removed yet. A replay's is the recorded one's.
+    pub(super) fn of(station: &Station, order: &Order) -> Option<Session> {
         let settings: Settings = toml::from_str(&std::fs::read_to_string(station.settings()).ok()?).ok()?;
         let is_played = settings.replay.is_none() && station.brief().exists();
         let recording = settings.record.filter(|_| is_played)?;
         let is_begun = std::fs::metadata(&recording).is_ok_and(|file| file.len() > 0);
-        is_begun.then_some(Session { recording, has_page: order.in_folder && is_over })
+        is_begun.then_some(Session { recording, has_page: order.in_folder })
     }
 
     /// Makes the page, if it is to be made, and gives what is said of it.
@@ -72,8 +72,8 @@ fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), St
     command.arg("report").arg(recording).arg("--html").arg(page);
     let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     let mut child = child.map_err(|error| error.to_string())?;
-    notifier.say(&format!("EXTEND_TIMEOUT_USEC={}\n", MOST_NS / 1_000));
-    let deadline_ns = system::now_ns() + MOST_NS;
+    notifier.say(&format!("EXTEND_TIMEOUT_USEC={}\n", PAGE_NS / 1_000));
+    let deadline_ns = system::now_ns() + PAGE_NS;
     while system::now_ns() < deadline_ns {
         if let Ok(Some(status)) = child.try_wait() {
             return made(status, page, before);
@@ -83,7 +83,7 @@ fn make(recording: &Path, page: &Path, notifier: &mut Notifier) -> Result<(), St
     }
     let _ = child.kill(); // gone is as good
     let _ = child.wait();
-    Err(format!("it took more than {} s", MOST_NS / 1_000_000_000))
+    Err(format!("it took more than {} s", PAGE_NS / 1_000_000_000))
 }
 
 #[cfg(test)]
@@ -122,22 +122,20 @@ mod tests {
         let [named, in_folder] = [false, true].map(|in_folder| Order { in_folder, ..Order::default() });
         lay(&settings);
         std::fs::write(&file, "ticks").unwrap();
-        assert_eq!(Session::of(&station, &in_folder, true), None, "it had no case");
+        assert_eq!(Session::of(&station, &in_folder), None, "it had no case");
         std::fs::write(station.brief(), "{}").unwrap();
-        let found = [(&named, true), (&in_folder, false), (&in_folder, true)]
-            .map(|(order, is_over)| Session::of(&station, order, is_over));
         let session = |has_page| Some(Session { recording: file.clone(), has_page });
-        assert_eq!(found, [session(false), session(false), session(true)]);
+        assert_eq!([&named, &in_folder].map(|order| Session::of(&station, order)), [session(false), session(true)]);
         let told = session(false).unwrap().tell(&mut Notifier::of_environment());
         assert!(
             told.contains("hystation report ") && told.contains(&file.with_extension("html").display().to_string()),
             "{told}"
         );
         lay(&Settings { replay: Some(Replay { begin_tick: 0, from_tick: 0, speed: 1.0 }), ..settings.clone() });
-        assert_eq!(Session::of(&station, &in_folder, true), None, "a replay's is the recorded one's");
+        assert_eq!(Session::of(&station, &in_folder), None, "a replay's is the recorded one's");
         lay(&settings);
         std::fs::write(&file, "").unwrap();
-        assert_eq!(Session::of(&station, &in_folder, true), None, "nothing was recorded");
+        assert_eq!(Session::of(&station, &in_folder), None, "nothing was recorded");
         std::fs::remove_file(&file).unwrap();
         station.wipe();
     }

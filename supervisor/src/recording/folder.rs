@@ -1,5 +1,5 @@
 //! The file of a recording of which only the folder was named (`--record FOLDER/`): its name says when the session began, what was run and who trained, so that
-//! one command serves a whole class, one session after the other.
+//! one command serves a whole class, one session after the other. And whether a file that was named can be begun.
 //!
 //! Promise: no file is overwritten, and none has two stations: it is made, empty, as the station is founded. Its recorder begins in it, and who takes that
 //! station over goes on with it.
@@ -37,6 +37,20 @@ pub fn check(folder: &Path) -> Result<(), Refusal> {
         }
         _ => Ok(()),
     }
+}
+
+/// Looks whether a new recording can begin in a file that was named: there is none, or nothing is in it. The recorder refuses any other, once the station runs.
+///
+/// # Errors
+/// Something is in it, or it is no file.
+pub fn check_file(file: &Path) -> Result<(), Refusal> {
+    let why = match std::fs::metadata(file) {
+        Ok(found) if !found.is_file() => "it is no file",
+        Ok(found) if found.len() > 0 => "it is there already, and no recording is written over",
+        _ => return Ok(()),
+    };
+    let cure = "give another file, or a folder (sessions/), in which each session gets a file of its own";
+    Err(Refusal::input(format!("--record {}: {why}; {cure}", file.display())))
 }
 
 /// Makes the file of a session that begins at a time, s since 1970 (UTC), and the folder, if that is not there.
@@ -158,6 +172,20 @@ mod tests {
         assert_eq!(made, names);
         assert!(is_folder(&folder) && check(&folder) == Ok(()), "it is there now");
         std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_file_is_begun_where_there_is_none_or_nothing_is_in_it() {
+        let file = folder("named.mcap");
+        assert_eq!(check_file(&file), Ok(()), "it is not there");
+        std::fs::write(&file, "").unwrap();
+        assert_eq!(check_file(&file), Ok(()), "nothing is in it");
+        std::fs::write(&file, "ticks").unwrap();
+        for (bad, word) in [(file.as_path(), "written over"), (Path::new("/dev/null"), "no file")] {
+            let refusal = check_file(bad).unwrap_err();
+            assert!(refusal.code == 2 && refusal.message.contains(word), "{}: {refusal:?}", bad.display());
+        }
+        std::fs::remove_file(file).unwrap();
     }
 
     #[test]

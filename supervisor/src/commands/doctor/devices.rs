@@ -175,18 +175,7 @@ fn made_nodes(folder: &Path, deepest: usize, nodes: &mut Vec<String>) {
 
 /// The driver that a manager's service is set up with, if it is.
 fn service(machine: &Machine, manager: &Manager) -> Option<Finding> {
-    let line = command_of_service(machine, &manager.folders)?;
-    let mut words = line.split_whitespace().map(|word| word.trim_matches(['"', '\'']));
-    let file = loop {
-        let word = words.next()?;
-        if let Some(file) = word.strip_prefix("--driver=") {
-            break file;
-        }
-        if word == "--driver" {
-            break words.next()?;
-        }
-    };
-    let (file, unit) = (file.replace("%h", &manager.home), &manager.unit);
+    let (file, unit) = (option_of_service(machine, manager, "--driver")?, &manager.unit);
     Some(match (machine.refuses)(&machine.path(&file)) {
         None => Finding::good("driver", format!("{file}, of {unit}")),
         Some(why) => {
@@ -195,6 +184,32 @@ fn service(machine: &Machine, manager: &Manager) -> Option<Finding> {
             Finding::bad("driver", format!("{file}, of {unit}, does not do: {why}"), cure)
         }
     })
+}
+
+/// What the services record into, as their commands name it, each with how it is called here, and whether it is this user's.
+pub fn recordings(machine: &Machine) -> Vec<(PathBuf, String, bool)> {
+    let [own, machines] = managers(machine);
+    let of = |manager: Manager, is_own: bool| {
+        let path = option_of_service(machine, &manager, "--record")?;
+        Some((PathBuf::from(path), manager.unit, is_own))
+    };
+    [of(own, true), of(machines, false)].into_iter().flatten().collect()
+}
+
+/// What the command of a manager's service gives with an option, if it has that.
+fn option_of_service(machine: &Machine, manager: &Manager, option: &str) -> Option<String> {
+    let line = command_of_service(machine, &manager.folders)?;
+    let mut words = line.split_whitespace().map(|word| word.trim_matches(['"', '\'']));
+    let value = loop {
+        let word = words.next()?;
+        if let Some(value) = word.strip_prefix(option).and_then(|rest| rest.strip_prefix('=')) {
+            break value;
+        }
+        if word == option {
+            break words.next()?;
+        }
+    };
+    Some(value.replace("%h", &manager.home))
 }
 
 /// What starts the service: the last command of the unit and of what an operator added to it, as systemd reads them.

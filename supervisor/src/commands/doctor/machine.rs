@@ -1,6 +1,6 @@
 //! What a station needs of the machine itself: programs, rights, shared memory, disk.
 
-use super::{Finding, Machine};
+use super::{Finding, Machine, devices};
 use crate::guardian::{NEEDED_BYTES, size_for};
 use crate::recording::{MOST_BYTES_PER_S, SHORT_S};
 use hyst_engine::realtime::WATCH_PRIORITY;
@@ -8,7 +8,7 @@ use hyst_exchange::{locking, system};
 use hyst_messages::Role;
 use rustix::fs::{Access, StatVfs, StatVfsMountFlags};
 use rustix::process::{Resource, getrlimit};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// More than a real-time process maps, and may map later, bytes: it counts whether it is ever touched or not.
 const LOCKED_BYTES: u64 = locking::HEADROOM_BYTES + (1 << 30);
@@ -27,7 +27,9 @@ const LEAST_RUNTIME_US: i64 = 900_000;
 pub fn findings(machine: &Machine) -> Vec<Finding> {
     let folder = std::env::current_exe().ok().and_then(|program| program.parent().map(Path::to_path_buf)).unwrap_or_default();
     let shm = rustix::fs::statvfs(machine.path("/dev/shm")).ok();
-    vec![
+    let recorded = [Recorded::here()].into_iter().chain(Recorded::by_services(machine));
+    let disks = recorded.map(|place| disk(machine, &place, rustix::fs::statvfs(place.folder.as_path()).ok().as_ref().map(room)));
+    let before = vec![
         programs(machine, &folder),
         real_time(machine, granted(), system::user_id() == 0, may_be_nice(&machine.text("/proc/self/status"))),
         preemption(machine),
@@ -35,9 +37,8 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
         shared_memory(machine, shm.as_ref().map(room)),
         copies(shm.is_some_and(|mounted| mounted.f_flag.contains(StatVfsMountFlags::NOEXEC))),
         throttling(machine),
-        disk(machine, Path::new("."), rustix::fs::statvfs(".").ok().as_ref().map(room)),
-        leftovers(),
-    ]
+    ];
+    before.into_iter().chain(disks).chain([leftovers()]).collect()
 }
 
 /// Bytes of a disk, and how many of them are free.
@@ -213,19 +214,46 @@ fn throttling(machine: &Machine) -> Finding {
     }
 }
 
-/// Whether an hour can be recorded here.
-fn disk(machine: &Machine, folder: &Path, room: Option<Room>) -> Finding {
+/// A folder into which sessions are recorded.
+struct Recorded {
+    folder: PathBuf,
+    /// How it is called.
+    name: String,
+    /// This user records into it, and has to have the right to.
+    is_own: bool,
+}
+
+impl Recorded {
+    /// That in which this program was called.
+    fn here() -> Recorded {
+        Recorded { folder: PathBuf::from("."), name: "this folder".into(), is_own: true }
+    }
+
+    /// Those of the services, where their commands name one. A folder that is not there yet is made in the one above it, as a file is.
+    fn by_services(machine: &Machine) -> Vec<Recorded> {
+        let of_service = |(path, unit, is_own): (PathBuf, String, bool)| {
+            let there = machine.path(&path);
+            let above = there.parent().unwrap_or(there.as_path()).to_path_buf();
+            let folder = if there.is_dir() { there } else { above };
+            Recorded { folder, name: format!("{} of {unit}", path.display()), is_own }
+        };
+        devices::recordings(machine).into_iter().map(of_service).collect()
+    }
+}
+
+/// Whether an hour can be recorded in a folder.
+fn disk(machine: &Machine, Recorded { folder, name, is_own }: &Recorded, room: Option<Room>) -> Finding {
     let cure = "record elsewhere (`--record /another/disk/FILE.mcap`)";
     match room {
-        None => Finding::weak("disk", "this folder is not there any more", cure),
-        Some(_) if !(machine.may)(folder, Access::WRITE_OK) => {
-            Finding::weak("disk", "this folder may not be written by this user: nothing can be recorded in it", cure)
+        None => Finding::weak("disk", format!("{name} is not there"), cure),
+        Some(_) if *is_own && !(machine.may)(folder, Access::WRITE_OK) => {
+            Finding::weak("disk", format!("{name} may not be written by this user: nothing can be recorded in it"), cure)
         }
         Some(Room { free, .. }) if free < HOUR_BYTES => {
             let cure = format!("free some, or {cure}: a full disk costs the recording, and not the force");
-            Finding::weak("disk", format!("{} MiB free in this folder, less than an hour may take", free >> 20), cure)
+            Finding::weak("disk", format!("{} MiB free in {name}, less than an hour may take", free >> 20), cure)
         }
-        Some(Room { free, .. }) => Finding::good("disk", format!("{} MiB free in this folder", free >> 20)),
+        Some(Room { free, .. }) => Finding::good("disk", format!("{} MiB free in {name}", free >> 20)),
     }
 }
 

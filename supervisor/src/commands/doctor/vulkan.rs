@@ -209,7 +209,11 @@ pub fn display(machine: &Machine) -> Finding {
             format!("{wayland} of Wayland alone, and the window is one of X11: the station runs headless, with a scripted hand"),
             "`apt install xwayland` and log in again; then DISPLAY is set, too",
         ),
-        (None, None) => Finding::good("display", "none: the station runs headless, with a scripted hand"),
+        (None, None) => Finding::weak(
+            "display",
+            "none: the station runs headless, a scene with a scripted hand, and a case is refused unless its hand is named",
+            "start it in a terminal of the desktop; or name the hand: `--hand gamepad`, `--hand spacemouse` or `--driver FILE`",
+        ),
     }
 }
 

@@ -114,16 +114,39 @@ fn shared_memory_is_a_tmpfs_with_room_that_may_be_written() {
 #[test]
 fn a_disk_has_room_for_an_hour_and_may_be_written() {
     let mut made = MadeUp::new("disk");
-    let folder = made.0.root.clone();
-    assert_good(disk(&made.0, &folder, Some(ROOM)));
+    let here = Recorded { folder: made.0.root.clone(), ..Recorded::here() };
+    assert_good(disk(&made.0, &here, Some(ROOM)));
     assert_says(
-        disk(&made.0, &folder, Some(Room { free: 1 << 30, ..ROOM })),
+        disk(&made.0, &here, Some(Room { free: 1 << 30, ..ROOM })),
         State::Weak,
-        &["1024 MiB free", "an hour", "--record"],
+        &["1024 MiB free in this folder, less", "an hour", "--record"],
     );
-    assert_says(disk(&made.0, &folder, None), State::Weak, &["not there any more"]);
+    assert_says(disk(&made.0, &here, None), State::Weak, &["this folder is not there"]);
     made.0.may = |_, _| false;
-    assert_says(disk(&made.0, &folder, Some(ROOM)), State::Weak, &["may not be written", "--record"]);
+    assert_says(disk(&made.0, &here, Some(ROOM)), State::Weak, &["may not be written", "--record"]);
+}
+
+/// Only the folder in which it was called was looked at, and no service records there.
+#[test]
+fn the_folders_into_which_services_record_are_looked_at_and_who_is_to_write_into_them_is_known() {
+    let mut made = MadeUp::new("recorded");
+    made.set("HOME", "/home/ann");
+    assert!(Recorded::by_services(&made.0).is_empty());
+    let unit = |record: &str| format!("[Service]\nExecStart=/usr/bin/hystation --name service run polyp {record}\n");
+    made.write("usr/lib/systemd/user/hystation.service", unit("--record=%h/sessions/"));
+    made.write("usr/lib/systemd/system/hystation.service", unit("--record /var/lib/hystation/"));
+    std::fs::create_dir_all(made.0.path("/home/ann")).unwrap();
+    std::fs::create_dir_all(made.0.path("/var/lib/hystation")).unwrap();
+    let [own, machines] = &Recorded::by_services(&made.0)[..] else { panic!("two services record") };
+    assert_eq!(own.folder, made.0.path("/home/ann"), "the folder is made in there");
+    assert_eq!(machines.folder, made.0.path("/var/lib/hystation"));
+    let short = Some(Room { free: 1 << 30, ..ROOM });
+    let said = ["1024 MiB free in /var/lib/hystation/ of hystation.service, less"];
+    assert_says(disk(&made.0, machines, short), State::Weak, &said);
+    made.0.may = |_, _| false;
+    assert_good(disk(&made.0, machines, Some(ROOM)));
+    let said = ["/home/ann/sessions/ of the user's hystation.service may not be written"];
+    assert_says(disk(&made.0, own, Some(ROOM)), State::Weak, &said);
 }
 
 #[test]
