@@ -147,6 +147,13 @@ pub enum Command {
         #[arg(long)]
         draws: bool,
     },
+    /// Notes what the newcomer of a recorder finds; started by the supervisor.
+    #[command(hide = true)]
+    Witness {
+        /// Station.
+        #[arg(long)]
+        station: String,
+    },
     /// Removes what dead processes left in the link; started by the supervisor.
     #[command(hide = true)]
     Clean {

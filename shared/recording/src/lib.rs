@@ -10,6 +10,7 @@
 
 mod again;
 mod ahead;
+mod before;
 mod block;
 pub mod channels;
 mod checkpoint;
@@ -38,6 +39,7 @@ mod tissue;
 mod unpack;
 mod writer;
 
+pub use before::Before;
 pub use block::{Block, Event, Level, SAID, STATED, TickRange};
 pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;

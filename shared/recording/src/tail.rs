@@ -1,15 +1,16 @@
-//! The end of a file that somebody else writes: the ticks that come to it from some moment on. What was there before is not read, so that a file of days costs
-//! no more than a new one.
+//! The end of a file that somebody else writes: what comes to it from some moment on. What was there before is not read, so that a file of days costs no more
+//! than a new one.
 //!
-//! Promise: a tick is given as it stands in the file, in a block with its checksum, and once; nothing is given of what lies behind a block that cannot be read;
-//! and a look has an end, whatever is written.
+//! Promise: what is given is as it stands in the file, in a block with its checksum, and comes once; nothing is given of what lies behind a block that cannot be
+//! read; and a look has an end, whatever is written.
 
+use crate::before::Before;
+use crate::block::Block;
 use crate::decode::{States, chunk};
 use crate::error::ReadError;
 use crate::frame::Walk;
 use crate::reader::open_file;
 use crate::unpack::Unpacker;
-use hyst_messages::AppliedRecord;
 use mcap::records::op;
 use std::path::{Path, PathBuf};
 
@@ -34,29 +35,35 @@ impl Tail {
         Tail { path: path.to_path_buf(), at, unpacker: Unpacker::default() }
     }
 
-    /// The ticks that have come since the last look, in the file's order. Where the file has become shorter, as by whoever goes on in it and cuts its summary
-    /// away, those that come behind its new end.
-    pub fn look(&mut self) -> Result<Vec<AppliedRecord>, ReadError> {
+    /// What comes behind that which a file held, and its last two blocks of then, which may not have been all there.
+    pub fn behind(path: &Path, before: &Before) -> Tail {
+        Tail { path: path.to_path_buf(), at: before.end(), unpacker: Unpacker::default() }
+    }
+
+    /// What has come since the last look, in the file's order, but for states. Where the file has become shorter, as by whoever goes on in it and cuts its
+    /// summary away, what comes behind its new end.
+    pub fn look(&mut self) -> Result<Block, ReadError> {
         let refused = |source| ReadError::File { path: self.path.clone(), source };
-        let mut applied = Vec::new();
-        let Some(mut walk) = Walk::begin(open_file(&self.path)?).map_err(refused)? else { return Ok(applied) };
+        let mut come = Block::default();
+        let Some(mut walk) = Walk::begin(open_file(&self.path)?).map_err(refused)? else { return Ok(come) };
         walk.read_ahead(AT_ONCE_BYTES);
         let first = self.at.min(walk.length()).max(walk.at());
         walk.back_to(first);
         let mut at = first;
         while at - first < MOST_BYTES
-            && applied.len() < MOST_TICKS
+            && come.applied.len() < MOST_TICKS
             && let Some(frame) = walk.next().map_err(refused)?
         {
             if frame.opcode == op::CHUNK {
                 let body = walk.body(&frame, u64::MAX).map_err(refused)?;
                 // It is looked at again: that it is not all there yet is as likely.
-                let Ok(block) = chunk(&mut self.unpacker, &body, States::Checked) else { break };
-                applied.extend(block.applied);
+                let Ok(mut block) = chunk(&mut self.unpacker, &body, States::Checked) else { break };
+                block.precede(come);
+                come = block;
             }
             at = walk.at();
         }
         self.at = at;
-        Ok(applied)
+        Ok(come)
     }
 }

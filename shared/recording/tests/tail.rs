@@ -8,7 +8,7 @@ use hyst_messages::AppliedRecord;
 use hyst_recording::{Block, Picture, Tail};
 
 fn ticks(tail: &mut Tail) -> Vec<u64> {
-    tail.look().unwrap().iter().map(|record| record.tick).collect()
+    tail.look().unwrap().applied.iter().map(|record| record.tick).collect()
 }
 
 #[test]
@@ -20,7 +20,10 @@ fn what_comes_to_a_file_is_given_once_and_as_it_was_written() {
     writer.append(&block(4..7)).unwrap();
     writer.append(&block(7..10)).unwrap();
     let expected: Vec<AppliedRecord> = (4..10).map(record).collect();
-    assert_eq!(tail.look().unwrap(), expected);
+    let come = tail.look().unwrap();
+    assert_eq!(come.applied, expected);
+    assert_eq!(come.steps, [block(4..7).steps, block(7..10).steps].concat());
+    assert_eq!((come.tissue.len(), come.fluid.len(), come.events.len(), come.checkpoints.len()), (2, 2, 2, 0), "but no states");
     assert!(ticks(&mut tail).is_empty());
     let later = folder.0.join("later.mcap");
     let mut absent = Tail::of(&later);

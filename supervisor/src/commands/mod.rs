@@ -89,6 +89,10 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
             };
             judged.map(|()| 0).map_err(Refusal::failed)
         }
+        Command::Witness { station } => {
+            let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
+            crate::swap::witness(&station).map(|()| 0).map_err(Refusal::failed)
+        }
         Command::Clean { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             crate::clean::clean(&station).map(|()| 0).map_err(|e| Refusal::failed(e.to_string()))

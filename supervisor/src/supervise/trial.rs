@@ -162,6 +162,9 @@ impl Supervisor {
         let old = self.spent_by(slot);
         let mut trial = Trial::begin(record, role, old);
         trial.drew = self.draws(slot);
+        if role == Role::Recorder {
+            trial.judging.call_witness(&self.station);
+        }
         self.trial = Some(trial);
         let actions = policy::step(system::now_ns(), Event::SwapAsked { slot, incumbent }, &mut self.policy);
         self.act(actions);

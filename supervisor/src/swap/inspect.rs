@@ -1,18 +1,20 @@
-//! The judge of a recorder or a rendering on probation: a helper process that looks a few times a second at what the newcomer has brought forth: at the ticks
-//! that can be read of its file, or at its pictures; what its page says of them has to be so. Who brings forth nothing new agrees with nothing, and is out of
+//! The judge of a recorder or a rendering on probation: a helper process that looks a few times a second at what the newcomer has brought forth: at what can be
+//! read of its file, or at its pictures; what its page says of them has to be so. Who brings forth nothing new agrees with nothing, and is out of
 //! tolerance when that lasts. A helper, because the file may lie on a disk that does not answer.
 
+use super::beside::{self, Beside};
 use super::judge::{Seen, tell};
 use super::lives::Lives;
 use super::pictures::{Gallery, Stream};
 use super::stated::{MOST_BEHIND_TICKS, STILL_NS, STILL_RECORDER_NS};
+use super::witness::Noted;
 use super::written::Written;
 use hyst_engine::Settings;
 use hyst_exchange::{ReadPage, Station, StationPage, system};
-use hyst_messages::page::{hardware, recorder, rendering, tissue};
+use hyst_messages::page::{ProcessState, hardware, recorder, rendering, tissue};
 use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
-use hyst_recording::Tail;
-use std::path::Path;
+use hyst_recording::{Before, Block, Tail};
+use std::path::{Path, PathBuf};
 
 /// Between two looks, ns; and after one that speaks against the newcomer: what a stall makes of three of them at once is no verdict.
 const LOOK_NS: u64 = 250_000_000;
@@ -81,16 +83,13 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
     let settings: Settings = toml::from_str(&text).map_err(|error| error.to_string())?;
     let own = station.read_slot(Slot::first(role), guest).map_err(|error| error.to_string())?;
     let file = settings.record.as_deref().filter(|_| role == Role::Recorder);
-    let (mut recording, mut pictures) = (Recording::of(file), Pictures { draws, ..Pictures::default() });
+    let noted = if role == Role::Recorder { Noted::told(guest) } else { None };
+    let (mut recording, mut pictures) = (Recording::of(file, noted, guest), Pictures { draws, ..Pictures::default() });
     let mut inspection = Inspection::of(role, system::now_ns());
     let mut stream = if role == Role::Rendering { Some(Stream::of(station, guest)?) } else { None };
     while !clock.stop_requested() {
         let look = if role == Role::Recorder {
-            let status = own.cell(recorder::STATUS).map(|(_, status)| status);
-            let size = settings.record.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
-            recording.read(station, clock.occupied(Role::Device)); // after its page: what that says is on disk by now
-            let newest = recording.lives.newest_tick();
-            recording.look(status, size, newest, clock.present_tick())
+            recording.inspect(station, &clock, &own)
         } else {
             let picture = stream.as_mut().and_then(Stream::newest);
             let shown = pictures.gallery.look(picture.as_ref().map(|held| held.bytes()), place_m(station, &clock));
@@ -124,26 +123,68 @@ fn place_m(station: &Station, clock: &StationPage) -> [f32; 3] {
 /// What a recorder has brought forth so far.
 #[derive(Default)]
 struct Recording {
-    /// The end of its file, if the station records.
+    /// Its file, and the end of that, if the station records.
+    file: Option<PathBuf>,
     tail: Option<Tail>,
+    /// What the file held before, if that is known; and that it does no longer.
+    before: Option<Before>,
+    is_spoilt: bool,
+    /// It was live.
+    has_lived: bool,
     lives: Lives,
     written: Written,
+    beside: Beside,
     /// The newest tick that is known to be in its file: at first the one that its page says, since nobody reads what was there before.
     last_tick: Option<u64>,
 }
 
 impl Recording {
-    fn of(file: Option<&Path>) -> Recording {
-        Recording { tail: file.map(Tail::of), ..Recording::default() }
+    fn of(file: Option<&Path>, noted: Option<Noted>, guest: u32) -> Recording {
+        let (path, tail) = (file.map(Path::to_path_buf), file.map(Tail::of));
+        let mut recording = Recording { file: path, tail, ..Recording::default() };
+        if let (Some(file), Some(Noted { before, last_tick, wrote, .. })) = (file, noted) {
+            recording.tail = Some(Tail::behind(file, &before));
+            (recording.written, recording.beside) = (Written::behind(last_tick), Beside::behind(wrote, guest));
+            recording.before = Some(before);
+        }
+        recording
+    }
+
+    /// A look at its page, at its file, and at what there is to be written. Before it is live it may not have the file yet, whose end may be torn.
+    fn inspect(&mut self, station: &Station, clock: &StationPage, own: &ReadPage) -> Look {
+        self.has_lived |= own.state() == ProcessState::Live;
+        if !self.has_lived {
+            return Look::Still("it is not live".into());
+        }
+        let status = own.cell(recorder::STATUS).map(|(_, status)| status);
+        let size = self.file.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
+        let came = self.read(station, clock.occupied(Role::Device)); // after its page: what that says is on disk by now
+        let (made, present) = (beside::made(station, clock), clock.present_tick());
+        let in_file = self.written.last_tick().unwrap_or(0);
+        self.beside.take(&came, in_file, made, present, self.written.has_begun());
+        let newest = self.lives.newest_tick();
+        self.look(status, size, newest, clock.present_tick())
     }
 
     /// Reads what has come to its file. Of one that cannot be read nothing has come. Which lives of the device are present is asked after that: one that begins
-    /// meanwhile may have made what was read.
-    fn read(&mut self, station: &Station, present: impl IntoIterator<Item = (Slot, u32)>) {
-        let records = self.tail.as_mut().and_then(|tail| tail.look().ok()).unwrap_or_default();
+    /// meanwhile may have made what was read. One that was over before the newcomer has written anything may have been so before it could read of it.
+    fn read(&mut self, station: &Station, present: impl IntoIterator<Item = (Slot, u32)>) -> Block {
+        let came = self.tail.as_mut().and_then(|tail| tail.look().ok()).unwrap_or_default();
+        let has_begun = self.written.has_begun();
         let Recording { lives, written, .. } = self;
         lives.meet(station, present);
-        written.take(&records, lives.newest_tick(), |tick| lives.made(tick));
+        let made = |tick: u64| if has_begun { lives.made(tick) } else { lives.made_last(tick) };
+        written.take(&came.applied, lives.newest_tick(), made);
+        if let (Some(file), Some(before)) = (&self.file, &self.before) {
+            self.is_spoilt |= before.is_in(file).is_ok_and(|is_in| !is_in);
+        }
+        came
+    }
+
+    /// What is wrong with the file.
+    fn flaw(&self) -> Option<String> {
+        let spoilt = self.is_spoilt.then(|| "its file has not what was in it before it came".to_string());
+        spoilt.or_else(|| self.written.flaw()).or_else(|| self.beside.flaw())
     }
 
     /// `size`: bytes of the file, if the station records; `newest`: the tick that the device has made last.
@@ -156,7 +197,7 @@ impl Recording {
                 false => Look::Wrong(format!("it says that it records, up to tick {said}, where nothing is to be recorded")),
             };
         };
-        if let Some(flaw) = self.written.flaw() {
+        if let Some(flaw) = self.flaw() {
             return Look::New(f64::INFINITY, flaw);
         }
         let before = *self.last_tick.get_or_insert(said.min(newest));

@@ -51,6 +51,11 @@ impl Lives {
         self.known.iter().map(|life| life.page.ring_end(APPLIED).saturating_sub(1)).max().unwrap_or(0)
     }
 
+    /// What the ring of the newest one has of a tick.
+    pub(super) fn made_last(&self, tick: u64) -> Option<AppliedRecord> {
+        self.known.last()?.page.ring(APPLIED, tick)
+    }
+
     /// What their rings have of a tick. An older life counts only for what came before the newer one, as it does for a recorder.
     pub(super) fn made(&self, tick: u64) -> Option<AppliedRecord> {
         for life in self.known.iter().rev() {
@@ -92,6 +97,7 @@ mod tests {
         lives.meet(&station, [(slot, 2), (slot, 3)]);
         let has = [319, 320, 325, 340].map(|tick| lives.made(tick).is_some());
         assert_eq!((lives.newest_tick(), has), (340, [true, true, false, true]), "a dead one makes none");
+        assert_eq!([319, 320].map(|tick| lives.made_last(tick).is_some()), [false, true]);
         for incarnation in 3..10 {
             push(incarnation, 400..=400);
             lives.meet(&station, [(slot, incarnation)]);

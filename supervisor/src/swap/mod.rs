@@ -1,6 +1,7 @@
 //! A swap as it is written down: what is asked for, how far it is, what happened when, how it ended. One file in the station's root, replaced as a whole,
 //! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
 
+mod beside;
 mod feel;
 mod inspect;
 pub mod judge;
@@ -8,12 +9,14 @@ mod lives;
 mod pictures;
 mod stated;
 mod visit;
+mod witness;
 mod written;
 
 pub use feel::feel;
 pub use inspect::inspect;
 pub use stated::{SERVO_FORCE_N, stated};
 pub use visit::visit;
+pub use witness::witness;
 
 pub use hyst_engine::{kept, verify};
 

@@ -34,7 +34,8 @@ pub fn stated(role: Role) -> Vec<String> {
             seconds(STILL_NS)
         ),
         Role::Recorder => format!(
-            "each tick as it was made; the file grows at least every {} s, and at most {MOST_BEHIND_TICKS} ticks are not in it",
+            "each tick as it was made, with what the one before wrote beside them; what the file held stays; it grows at least \
+             every {} s, and at most {MOST_BEHIND_TICKS} ticks are not in it",
             seconds(STILL_RECORDER_NS)
         ),
         Role::Console => format!("the figures of its page at most {} s old", MOST_AGE_TICKS * 1e-3),

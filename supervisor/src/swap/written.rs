@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 #[derive(Debug, Default)]
 pub(super) struct Written {
     last_tick: Option<u64>,
+    /// How often something was read.
+    parts: u32,
     /// Ticks of the ring that are not in the file, which has one before them and one behind.
     missing: u64,
     /// Ticks that are in both, and not alike.
@@ -15,12 +17,18 @@ pub(super) struct Written {
 }
 
 impl Written {
+    /// Counting begins behind this tick; where none is known, with the first one that is read.
+    pub(super) fn behind(last_tick: Option<u64>) -> Written {
+        Written { last_tick, ..Written::default() }
+    }
+
     /// Takes what was read of the file; `newest`: the device's newest tick by now; `made`: what its rings have of a tick. What is newer is not the device's,
-    /// and what they no longer have is compared with nothing. The first tick that is read is where counting begins.
+    /// and what they no longer have is compared with nothing.
     pub(super) fn take(&mut self, records: &[AppliedRecord], newest: u64, made: impl Fn(u64) -> Option<AppliedRecord>) {
         let of_device = records.iter().filter(|record| record.tick <= newest);
         let read: BTreeMap<u64, &AppliedRecord> = of_device.map(|record| (record.tick, record)).collect();
         let (Some((first, _)), Some((last, _))) = (read.first_key_value(), read.last_key_value()) else { return };
+        self.parts += 1;
         let first = self.last_tick.map_or(*first, |before| before.saturating_add(1));
         for tick in first.max(last.saturating_sub(RING_TICKS))..=*last {
             match (made(tick), read.get(&tick)) {
@@ -32,7 +40,12 @@ impl Written {
         self.last_tick = self.last_tick.max(Some(*last));
     }
 
-    /// The newest tick that was read.
+    /// Whether something was read twice: who is judged has written some of it, for all that is of the one before it was there when it was read first.
+    pub(super) fn has_begun(&self) -> bool {
+        self.parts > 1
+    }
+
+    /// The newest tick that was read, or behind which counting begins.
     pub(super) fn last_tick(&self) -> Option<u64> {
         self.last_tick
     }
@@ -47,11 +60,17 @@ impl Written {
     }
 }
 
-/// Whether two records of a tick have the same force and place, to the bit. A number that is none is not written, and read as another that is none.
+/// Whether two records of a tick have the same force, place and input, to the bit. A number that is none is not written, and read as another that is none.
 fn are_alike(in_ring: &AppliedRecord, in_file: &AppliedRecord) -> bool {
-    let numbers = |record: &AppliedRecord| record.command.force_n.into_iter().chain(record.sample.pose.position_m);
-    let is_same = |(a, b): (f32, f32)| a.to_bits() == b.to_bits() || !(a.is_finite() || b.is_finite());
-    numbers(in_ring).zip(numbers(in_file)).all(is_same)
+    let numbers = |record: &AppliedRecord| {
+        let AppliedRecord { before_n, on_scope_n, pressure_pa, limits, .. } = *record;
+        let limits = [limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m];
+        [record.command.force_n, record.sample.pose.position_m, before_n, on_scope_n, limits, [pressure_pa; 3]]
+    };
+    let is_same = |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits() || !(a.is_finite() || b.is_finite());
+    let [ring, file] = [in_ring, in_file].map(numbers);
+    let followed = |record: &AppliedRecord| (record.lag, record.followed);
+    ring.iter().flatten().zip(file.iter().flatten()).all(is_same) && followed(in_ring) == followed(in_file)
 }
 
 #[cfg(test)]
@@ -99,6 +118,36 @@ mod tests {
         parts[1][50] = made(651);
         parts[0][7].command.force_n[1] = 0.0;
         assert!(flaw(&parts).is_some_and(|flaw| flaw.contains("otherwise")), "a zero with another sign is another number");
+    }
+
+    /// Without its inputs a session cannot be done again.
+    #[test]
+    fn a_tick_with_another_input_is_another_one() {
+        let other = |change: fn(&mut AppliedRecord)| {
+            let mut parts = [ticks(500..=600)];
+            change(&mut parts[0][50]);
+            flaw(&parts).is_some()
+        };
+        assert!(!other(|record| record.before_n[0] = 0.0) && other(|record| record.before_n[0] = -0.0));
+        assert!(other(|record| record.lag = 4) && other(|record| record.followed = 2));
+        assert!(other(|record| record.pressure_pa = 9_000.0) && other(|record| record.on_scope_n[2] = 0.1));
+        assert!(other(|record| record.limits.max_stiffness_n_m = 800.0));
+    }
+
+    #[test]
+    fn what_lies_behind_the_last_tick_of_the_one_before_is_asked_for_if_that_is_known() {
+        let flaw_behind = |last_tick: Option<u64>| {
+            let mut written = Written::behind(last_tick);
+            let began = [ticks(480..=500), ticks(511..=600)].map(|part| {
+                written.take(&part, 10_000, |tick| Some(made(tick)));
+                written.has_begun()
+            });
+            assert_eq!(began, [false, true]);
+            written.flaw()
+        };
+        let left_out = Some("its file leaves out 10 of the device's ticks".to_string());
+        [Some(500), Some(490), None].map(|last_tick| assert_eq!(flaw_behind(last_tick), left_out));
+        assert_eq!(flaw_behind(Some(510)), None);
     }
 
     #[test]

@@ -3,10 +3,12 @@
 
 use super::costs::Costs;
 use super::{ROLES, TRIES, number_of};
+use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::swapped::{assert_left_nobody, got_no_time, swap};
 use station_tests::{DEVICE_TICKS, Station, bad_engine};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// Role, kind, causes, words.
 type Case = (&'static str, &'static str, &'static [&'static str], &'static str);
@@ -17,7 +19,7 @@ const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance",
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [Case; 45] = [
+const BAD: [Case; 46] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -53,6 +55,7 @@ const BAD: [Case; 45] = [
     ("recorder", "stop", STANDS_IN_PLACE, ""),
     ("recorder", "mute", &["out-of-tolerance"], "its page"),
     ("recorder", "liar", &["out-of-tolerance"], "its file"),
+    ("recorder", "forgets", &["out-of-tolerance"], "its file"),
     ("rendering", "mute", &["out-of-tolerance"], "its page"),
     ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
     ("rendering", "still", &["out-of-tolerance"], "stand still"),
@@ -65,6 +68,10 @@ const BAD: [Case; 45] = [
     ("device", "slow", &["hung", "slow", "late", "missed", "out-of-tolerance"], ""),
     ("device", "half", &["out-of-tolerance"], "the motors' force"),
 ];
+
+/// The same that leave a recording as nobody wants it: in a station of their own.
+const SPOILING: [Case; 2] =
+    [("recorder", "skips", &["out-of-tolerance"], "leaves out"), ("recorder", "anew", &["out-of-tolerance"], "before it came")];
 
 /// Bad engines that end as another one of the list does, or take a minute to: shown where many swaps are asked for alone.
 const AS_THE_OTHERS: [(&str, &str); 21] = [
@@ -111,6 +118,32 @@ fn of_the_kinds_each_comes_once_in_a_round_and_every_role_at_its_beginning() {
     assert_eq!(of_role["fluid"], ["stop", "slow", "garbage", "off", "frozen", "stuck", "babble"], "as they are listed");
 }
 
+/// Swaps a role to a bad engine, again where the machine left that no time.
+fn tried(station: &Station, role: &str, path: &Path) -> (Option<i32>, Value, String) {
+    let mut tried = swap(station, role, path);
+    for _ in 1..TRIES {
+        if got_no_time(&tried.1) {
+            station.recover();
+            tried = swap(station, role, path);
+        }
+    }
+    tried
+}
+
+/// What came of a swap to a bad engine: it is rolled back for a cause of its own.
+fn assert_rolled_back(station: &Station, case: Case, (code, record, said): (Option<i32>, Value, String)) {
+    let (role, kind, causes, words) = case;
+    assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
+    let why = record["reason"].as_str().unwrap_or_default();
+    println!("{role} {kind}: {} ({why})", record["cause"]);
+    let is_own =
+        record["cause"].as_str().is_some_and(|cause| causes.contains(&cause) && (cause == "refused" || why.contains(words)));
+    assert!(is_own || got_no_time(&record), "{role} {kind}: {record:#}\n{}", station.said());
+    if !is_own {
+        not_shown(&format!("why {role} {kind} is rolled back: {TRIES} times it got no time"));
+    }
+}
+
 #[test]
 fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
     let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
@@ -122,29 +155,12 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
     let count = asked.unwrap_or(cases.len());
     // A device is swapped to the bad one and back to the good one.
     let mut costs = Costs::new("bad engines", 2.0 * DEVICE_TICKS, asked.is_some(), &station);
-    for (role, kind, causes, words) in cases.into_iter().cycle().take(count).copied() {
+    for case in cases.into_iter().cycle().take(count).copied() {
+        let (role, kind, ..) = case;
         let path = bad_engine(station.folder(), role, kind);
         let before = station.processes(role)[0]["binary"].clone();
-        let tried = || {
-            let mut tried = swap(&station, role, &path);
-            for _ in 1..TRIES {
-                if got_no_time(&tried.1) {
-                    station.recover();
-                    tried = swap(&station, role, &path);
-                }
-            }
-            tried
-        };
-        let (code, record, said) = costs.around(role, &station, tried);
-        assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
-        let why = record["reason"].as_str().unwrap_or_default();
-        println!("{role} {kind}: {} ({why})", record["cause"]);
-        let is_own =
-            record["cause"].as_str().is_some_and(|cause| causes.contains(&cause) && (cause == "refused" || why.contains(words)));
-        assert!(is_own || got_no_time(&record), "{role} {kind}: {record:#}\n{}", station.said());
-        if !is_own {
-            not_shown(&format!("why {role} {kind} is rolled back: {TRIES} times it got no time"));
-        }
+        let result = costs.around(role, &station, || tried(&station, role, &path));
+        assert_rolled_back(&station, case, result);
         station.recover();
         assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
         assert_left_nobody(&path);
@@ -153,4 +169,15 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();
+}
+
+/// All that they wrote was right, and so they passed: nobody had looked at what they left out, nor at what they left of the file.
+#[test]
+fn a_recorder_that_spoils_what_was_recorded_or_leaves_out_what_lies_between_is_rolled_back() {
+    let station = Station::start("spoilt", &["--hand", "script:press", "--test-mode"]);
+    for case in SPOILING {
+        let path = bad_engine(station.folder(), case.0, case.1);
+        assert_rolled_back(&station, case, tried(&station, case.0, &path));
+        station.recover();
+    }
 }

@@ -1,5 +1,6 @@
 //! The helper process that compares what a newcomer makes with what it should be: its start, the lines that it says, and its end. One that could not be
-//! started, or has ended, is started again. Promise: that has an end, and where there is nobody to judge it a newcomer is not to blame for that.
+//! started, or has ended, is started again. Of a recorder another one has noted before what the newcomer finds, which the first judge reads. Promise: that has an
+//! end, and where there is nobody to judge it a newcomer is not to blame for that.
 
 use super::Trial;
 use crate::journal;
@@ -36,6 +37,7 @@ enum Turn {
 #[derive(Debug, Default)]
 pub(super) struct Judging {
     judge: Option<Child>,
+    witness: Option<Child>,
     /// When one is to be started, ns.
     due_ns: Option<u64>,
     starts: u32,
@@ -44,6 +46,19 @@ pub(super) struct Judging {
 }
 
 impl Judging {
+    /// Has noted what its newcomer finds, before the old engine is ended. Without that it is not looked what becomes of it.
+    pub(super) fn call_witness(&mut self, station: &Station) {
+        let mut command = crate::proc::own_program();
+        command.args(["witness", "--station", station.name()]).process_group(0);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        self.witness = spawn::start_as_begun(station, &mut command, None).ok();
+    }
+
+    /// What was noted, for one judge.
+    fn noted(&mut self) -> Stdio {
+        self.witness.as_mut().and_then(|witness| witness.stdout.take()).map_or_else(Stdio::null, Stdio::from)
+    }
+
     /// It needs one from now on.
     pub(super) fn begin(&mut self, now_ns: u64) {
         self.due_ns = Some(now_ns);
@@ -89,9 +104,7 @@ impl Judging {
 
 impl Drop for Judging {
     fn drop(&mut self) {
-        if let Some(judge) = self.judge.take() {
-            end(judge);
-        }
+        [self.judge.take(), self.witness.take()].into_iter().flatten().for_each(end);
     }
 }
 
@@ -104,7 +117,8 @@ impl Supervisor {
         match trial.judging.turn(now_ns) {
             Turn::Wait => {}
             Turn::Start => {
-                let judge = start(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
+                let noted = trial.judging.noted();
+                let judge = start(&self.station, role, incarnation, trial.drew, noted, self.tell_self.clone());
                 if judge.is_none() {
                     journal::say(&self.station, &format!("the judge of {} cannot be started", trial.record.slot));
                 }
@@ -124,12 +138,13 @@ impl Supervisor {
     }
 }
 
-/// Starts the judge of a newcomer; what it says goes to `tell`, and that it has ended, too. `None` where the system gives no process or no thread for it.
-fn start(station: &Station, role: Role, guest: u32, draws: bool, tell: Sender<Input>) -> Option<Child> {
+/// Starts the judge of a newcomer, which reads what was noted; what it says goes to `tell`, and that it has ended, too. `None` where the system gives no process
+/// or no thread for it.
+fn start(station: &Station, role: Role, guest: u32, draws: bool, noted: Stdio, tell: Sender<Input>) -> Option<Child> {
     let mut command = crate::proc::own_program();
     command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
     command.args(draws.then_some("--draws"));
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+    command.stdin(noted).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = spawn::start_as_begun(station, &mut command, None).ok()?;
     let lines = BufReader::new(child.stdout.take()?).lines();
     // Ends with the judge.
@@ -249,10 +264,19 @@ mod tests {
         let station = Station::named(&format!("t{}-judge-ends", std::process::id())).unwrap();
         let (tell, inbox) = std::sync::mpsc::channel();
         // This very program, which is none of a station here, and refuses its arguments.
-        let judge = start(&station, Role::Fluid, 7, false, tell).unwrap();
+        let judge = start(&station, Role::Fluid, 7, false, Stdio::null(), tell).unwrap();
         let told = inbox.recv_timeout(Duration::from_secs(60)).unwrap();
         assert!(matches!(told, Input::JudgeEnded { incarnation: 7 }), "{told:?}");
         end(judge);
+    }
+
+    #[test]
+    fn what_was_noted_is_read_by_the_first_judge_and_by_no_other() {
+        let mut judging = Judging::default();
+        let witness = Command::new("echo").arg("noted").stdout(Stdio::piped()).spawn().unwrap();
+        assert!(judging.witness.replace(witness).is_none());
+        let mut read = || Command::new("cat").stdin(judging.noted()).output().unwrap().stdout;
+        assert_eq!([read(), read()], [b"noted\n".to_vec(), Vec::new()]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! of its folder, says of which role it is and what is wrong with it: `bad.ROLE.KIND`, as a link to this program. It is the real engine but for one
 //! defect, which shows in the place that the kind names.
 
+mod forgetful;
 mod holes;
 mod liar;
 mod pictures;
@@ -175,6 +176,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         // Whatever epoch a contact model is of, it goes by the tick.
         (Role::Device, "unfenced") => device::run_ordering(life, |_, tick| (0, tick)),
         (Role::Recorder, "holes") => holes::record(life),
+        (Role::Recorder, "forgets" | "skips" | "anew") => forgetful::record(life, kind),
         (Role::Recorder, "liar") => liar::record(life),
         // It is consistent: the servos are told of the half that the motors are told of.
         (Role::Device, "half") => device::run_giving(life, |force_n| force_n.map(|newton| 0.5 * newton)),
