@@ -1,5 +1,5 @@
 //! `kill -9` of each process in turn while the scripted hand presses on the tissue. What is promised is judged at the simulated hardware, in
-//! fault windows against control windows of the same run (design: "What is promised"): a fault is to blame only for what it adds.
+//! fault windows against control windows of the same run (docs/faults.md, "What is promised"): a fault is to blame only for what it adds.
 
 use serde_json::Value;
 use station_tests::shown::{Promise, lower99_of_difference, mean};

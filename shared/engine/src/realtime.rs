@@ -1,6 +1,6 @@
 //! Real-time set-up, after the warm-up: memory locked, SCHED_FIFO, core. What the machine refuses is said once and done without.
 //!
-//! The order of importance (design): device > haptic > spare of tissue > tissue > collision-worker > the rest, which is
+//! The order of importance: hardware > device > haptic > spare of tissue > tissue > collision-worker > the rest, which is
 //! ordinary. The supervisor's watch stands above all, so that it can demote one that spins. Workers above the tissues (64) were tried (2026-11-22): they
 //! come by a full core sooner, but a holder that waits for a slow one on its own core does not wake at its deadline.
 

@@ -13,7 +13,7 @@ pub struct Settings {
     pub scene: Option<PathBuf>,
     /// The case file that was named, absolute.
     pub case: Option<PathBuf>,
-    /// `script:NAME`, `mouse`, `replay:FILE` or `idle`.
+    /// `mouse`, `gamepad`, `spacemouse`, `script:NAME`, `replay:FILE` or `idle`.
     pub hand: String,
     /// No window even if there is a display.
     pub headless: bool,

@@ -146,7 +146,9 @@ mod tests {
             written.flaw()
         };
         let left_out = Some("its file leaves out 10 of the device's ticks".to_string());
-        [Some(500), Some(490), None].map(|last_tick| assert_eq!(flaw_behind(last_tick), left_out));
+        for last_tick in [Some(500), Some(490), None] {
+            assert_eq!(flaw_behind(last_tick), left_out);
+        }
         assert_eq!(flaw_behind(Some(510)), None);
     }
 
