@@ -147,8 +147,8 @@ impl Bench<'_> {
         let behind = beyond.iter().filter(|(place, _)| place[2] > block_m.max(near_m + THICK_M)).count();
         assert!(others.len() >= behind, "{gap_m} m: {} contacts with the block of {behind} points in it", others.len());
         for PlaneSpring { nodes, weights, normal, offset_m, .. } in others {
-            let at = gather(nodes, weights, positions(&self.now)).map(Vec3::from).expect("a place");
-            let depth_m = offset_m - at.dot(Vec3::from(normal));
+            let at = gather(*nodes, *weights, positions(&self.now)).map(Vec3::from).expect("a place");
+            let depth_m = offset_m - at.dot(Vec3::from(*normal));
             assert!((depth_m - (at.z - block_m)).abs() < EXACT_M, "{gap_m} m: {depth_m} m deep at {at}");
         }
         [beyond.len(), beyond.iter().filter(|(place, _)| place[2] > block_m).count()]
