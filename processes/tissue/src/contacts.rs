@@ -208,6 +208,7 @@ impl Contacts {
         let tissue = tissue(world, positions_m);
         let points = world.points.view(&world.body.rest.positions_m);
         let graph = &world.points.graph;
+        let input = PenetrationInput { hits, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
         let retreats = [Retreat { owner: TOOL_ID, direction: tool.back }];
         let params = PenetrationParams { max_depth_m: MAX_DEPTH_M, retreats: &retreats, spared: tool.unmet(world) };
         let (of_tool, of_tissue) = self.memory.split_at_mut(world.points.tool);
@@ -217,11 +218,9 @@ impl Contacts {
         of_tool.copy_from_slice(memory);
         stuck::recall(world, stuck, of_tissue);
         self.through.look(world, hits, (tool, passage), &tissue, of_tool)?;
-        let (hits, behind) = self.through.hits();
-        let input = PenetrationInput { hits, behind, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
         let found = penetration(&input, &params, &mut self.memory, &mut self.work, &mut self.found).map_err(broken)?.count;
         let of_tool = &mut self.memory[..world.points.tool];
-        let held = self.through.hold(world, of_tool, &mut self.found[found..]);
+        let held = self.through.hold(world, tool, &tissue, of_tool, &mut self.found[found..]);
         memory.copy_from_slice(of_tool);
         self.node_force_n.fill([0.0; 3]);
         self.spring(world, tool, (positions_m, stuck), found + held);
@@ -289,8 +288,7 @@ impl Contacts {
     /// How far what sticks to a point of the tool was bent along this tissue, m; `None` where the point remembers other tissue.
     fn remembered(&self, tissue: &Tissue<'_>, found: &Penetration) -> Option<Vec3> {
         let owner = tissue.tet_owner.get(found.tet as usize);
-        let is_of = |memory: &&Memory| owner.is_some_and(|owner| memory.part.is_of(*owner, found.tet));
-        let memory = self.memory.get(found.point as usize).filter(is_of)?;
+        let memory = self.memory.get(found.point as usize).filter(|memory| owner == Some(&memory.owner))?;
         Some(believed_m(memory.bent_m))
     }
 

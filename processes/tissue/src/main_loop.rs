@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, stuck_of, write_body, write_memory};
+use crate::state::{Core, flaw_of, hash, is_sound, is_sound_own, most_bytes, sections, stuck_of, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 pub(crate) use cutting::fit;
@@ -274,7 +274,7 @@ impl Stateful for MainLoop<'_> {
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
         write_body(&world.words, body);
         self.knife.write_stroke(next_stroke);
-        write_memory(&message, world, memory)?;
+        memory.copy_from_slice(message.section::<u8>(4)?);
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
         let (tool, rest) = (&world.case.tool, &world.body.rest.positions_m[..]);

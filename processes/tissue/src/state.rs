@@ -6,8 +6,7 @@ use crate::grasp;
 use crate::knife::most_stroke_bytes;
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
-use hyst_contact::{Memory, Part};
-use hyst_engine::Failure;
+use hyst_contact::Memory;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{MAX_FLOW_M_S, MAX_PIECES, Message, PieceFlow, Pose, Refusal, fnv_words};
 use hyst_tissue::Seat;
@@ -86,8 +85,6 @@ impl Core {
 /// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke, what the jaws hold, what the
 /// nodes stick to.
 pub const SECTIONS: usize = 9;
-/// That of what the tool's points remember.
-const MEMORY: usize = 4;
 /// The body's.
 pub const BODY: usize = 5;
 /// The stroke's.
@@ -136,17 +133,6 @@ pub fn write_body(words: &[u32], section: &mut [u8]) {
             to.copy_from_slice(from);
         }
     }
-}
-
-/// Writes what the points of the tool remember by a state into the section of the next one, of this world. Of another mesh the tets have other numbers: by those
-/// no part is known then.
-pub fn write_memory(message: &Message<'_>, world: &World, section: &mut [u8]) -> Result<(), Failure> {
-    section.copy_from_slice(message.section::<u8>(MEMORY)?);
-    if message.header().topology_version != world.version {
-        let memory: &mut [Memory] = bytemuck::cast_slice_mut(section);
-        memory.iter_mut().for_each(|memory| memory.part = Part::of(memory.part.owner(), None));
-    }
-    Ok(())
 }
 
 /// Whether all sections are there and fit each other, the body is that of the world or else one that a world can be made of, and the numbers are
@@ -214,9 +200,7 @@ pub fn hash(message: &Message<'_>) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::{TOOL_ID, Workshop};
-    use hyst_messages::{Kind, MessageMut, StreamHeader, contents};
-    use hyst_tissue::Isa;
+    use hyst_messages::{Kind, contents};
 
     #[test]
     fn the_records_of_a_state_are_those_that_the_documents_say() {
@@ -255,24 +239,6 @@ mod tests {
             let mut core = Core::default();
             spoil(&mut core);
             assert!(!core.is_sane(), "{what}");
-        }
-    }
-
-    #[test]
-    fn a_part_is_known_by_its_tet_in_states_of_the_same_mesh_alone() {
-        assert_eq!(Part::of(TOOL_ID, None).owner(), TOOL_ID, "there is room for the number of each object");
-        let world = Workshop::open(&hyst_scene::load_embedded().unwrap(), Isa::detect()).unwrap().1;
-        let known = Memory { part: Part::of(1, Some(70)), direction: [0.0, 0.0, -1.0], depth_m: 1e-3, bent_m: [1e-5; 3] };
-        for (topology_version, part) in [(world.version, known.part), (!world.version, Part::of(1, None))] {
-            let (sections, header) = (sections(&world, 0), StreamHeader { topology_version, ..StreamHeader::default() });
-            let mut state = vec![0u64; message_bytes(&sections) / 8];
-            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut state);
-            let mut message = MessageMut::format(bytes, Kind::TissueState, header, &sections).unwrap();
-            message.section::<Memory>(MEMORY).unwrap().fill(known);
-            let message = Message::parse(bytemuck::cast_slice(&state), Kind::TissueState).unwrap();
-            let mut next = vec![Memory::default(); world.points.tool];
-            write_memory(&message, &world, bytemuck::cast_slice_mut(&mut next)).unwrap();
-            assert!(next.iter().all(|memory| *memory == Memory { part, ..known }), "{:?}", next[0]);
         }
     }
 

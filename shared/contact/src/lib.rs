@@ -7,7 +7,7 @@
 //! The order of one tick:
 //! 1. [`HashMut::build`] hashes the points (the coordinator, in place in shared words),
 //! 2. [`intersect`] tests one [`Share`] (each worker, with what its [`Cull`] remembers of the step before), [`merge`] joins the shares,
-//! 3. [`penetration`] gives each hit point a depth and a way out; [`sweep`], [`first_crossing`] and [`came`] find those that have passed a thin part,
+//! 3. [`penetration`] gives each hit point a depth and a way out; [`sweep`] and [`first_crossing`] find those that a fast step has brought past a thin part,
 //! 4. the deformation makes forces of that, as laws of each of its substeps: it is no part of this crate, and gives them back as a [`ContactForce`] each,
 //! 5. [`planes`] condenses the tool's contacts, as they are felt at its tip, to at most [`MAX_PLANES`] planes for the haptic servo,
 //!    with [`find_gaps`] for the wall that the tool is about to meet.
@@ -29,7 +29,6 @@ mod lanes;
 mod lever;
 mod near;
 mod outcodes;
-mod part;
 mod penetrate;
 mod penetrate_data;
 mod planes;
@@ -51,7 +50,6 @@ pub use hash::{HashMut, HashSizes, LANES, Layout};
 pub use hash_read::HashRef;
 pub use intersect::intersect;
 pub use near::{Gap, find_gaps};
-pub use part::{Came, Part, came, touch};
 pub use penetrate::{Workspace, penetration};
 pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source, Spared};
 pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
@@ -62,4 +60,4 @@ pub use tet::TetTest;
 pub use topology::{NONE, Topology, TopologyMaker};
 pub use types::{Found, HITS_OF_A_POINT, Hit, MOST_HITS_OF_SHARE, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
-pub use walk::{Exit, exit_of, leads_out};
+pub use walk::{Exit, leads_out};

@@ -10,7 +10,6 @@
 //! wall that was pierced.
 
 use crate::error::same_length;
-use crate::part::Part;
 use crate::penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Source, Spared};
 use crate::topology::{NONE, Normals};
 use crate::types::{Found, Hit, Tissue};
@@ -125,22 +124,17 @@ impl Step<'_> {
         self.input.points_m.get(point as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p))
     }
 
-    /// Owner of the tissue that a hit is in, and whether it lies behind other tissue of that.
-    fn layer(&self, hit: usize) -> (u32, bool) {
-        (self.input.tissue.owner(self.hits[hit].tet), self.input.behind.get(hit).copied().unwrap_or(false))
-    }
-
-    /// The hit of a point in such tissue.
-    fn hit_of(&self, point: u32, layer: (u32, bool)) -> Option<usize> {
+    /// The hit of a point in tissue of one owner.
+    fn hit_of(&self, point: u32, owner: u32) -> Option<usize> {
         let first = *self.work.first_hit.get(point as usize)? as usize;
         let same = self.hits.get(first..)?.iter().take_while(|h| h.point == point);
-        (first..).zip(same).map(|(hit, _)| hit).find(|hit| self.layer(*hit) == layer)
+        same.enumerate().find(|(_, h)| self.input.tissue.owner(h.tet) == owner).map(|(k, _)| first + k)
     }
 
     fn remembered(&self, hit: &Hit) -> Option<Vec3> {
         let memory = self.memory.get(hit.point as usize)?;
         let direction = Vec3::from_array(memory.direction);
-        (memory.part.owner() == self.input.tissue.owner(hit.tet) && direction.is_finite())
+        (memory.owner == self.input.tissue.owner(hit.tet) && direction.is_finite())
             .then_some(direction)
             .and_then(Vec3::try_normalize)
     }
@@ -157,11 +151,11 @@ impl Step<'_> {
         self.work.front.clear();
         let (hits, graph) = (self.hits, self.input.graph);
         for (i, hit) in hits.iter().enumerate() {
-            let (p, layer, before) = (self.at(hit.point), self.layer(i), self.remembered(hit));
+            let (p, owner, before) = (self.at(hit.point), self.input.tissue.owner(hit.tet), self.remembered(hit));
             let (mut weight, mut depth, mut direction) = (0f32, 0f32, Vec3::ZERO);
             for &q in graph.joined(hit.point) {
                 let to = self.at(q);
-                if !to.is_finite() || self.hit_of(q, layer).is_some() {
+                if !to.is_finite() || self.hit_of(q, owner).is_some() {
                     continue;
                 }
                 let Some(exit) = self.exit(hit, to) else {
@@ -194,10 +188,10 @@ impl Step<'_> {
             ring += 1;
             self.work.next.clear();
             for f in 0..self.work.front.len() {
-                let i = self.work.front[f] as usize;
-                let layer = self.layer(i);
-                for &q in self.input.graph.joined(self.hits[i].point) {
-                    if let Some(j) = self.hit_of(q, layer).filter(|&j| self.work.wave[j] == NONE) {
+                let hit = self.hits[self.work.front[f] as usize];
+                let owner = self.input.tissue.owner(hit.tet);
+                for &q in self.input.graph.joined(hit.point) {
+                    if let Some(j) = self.hit_of(q, owner).filter(|&j| self.work.wave[j] == NONE) {
                         self.work.wave[j] = ring;
                         self.work.next.push(j as u32);
                     }
@@ -214,10 +208,10 @@ impl Step<'_> {
 
     fn way_inward(&self, i: usize, ring: u32) -> Way {
         let hit = self.hits[i];
-        let (p, layer) = (self.at(hit.point), self.layer(i));
+        let (p, owner) = (self.at(hit.point), self.input.tissue.owner(hit.tet));
         let (mut weight, mut depth, mut direction, mut nearest) = (0f32, 0f32, Vec3::ZERO, (0f32, Vec3::Z));
         for &q in self.input.graph.joined(hit.point) {
-            let Some(j) = self.hit_of(q, layer).filter(|&j| self.work.wave[j] < ring) else {
+            let Some(j) = self.hit_of(q, owner).filter(|&j| self.work.wave[j] < ring) else {
                 continue;
             };
             let (way, known) = (self.at(q) - p, self.work.found[j]);
@@ -292,15 +286,14 @@ impl Step<'_> {
                 *memory = Memory::default();
                 continue;
             };
-            let (tet, way) = (hits[next + h].tet, found[next + h]);
-            let (owner, part) = (tissue.owner(tet), Part::of(tissue.owner(tet), Some(tet)));
+            let (owner, way) = (tissue.owner(hits[next + h].tet), found[next + h]);
             if way.source != Source::Fallback as u32 {
-                let bent_m = if memory.part.owner() == owner { memory.bent_m } else { [0.0; 3] };
-                *memory = Memory { part, direction: way.direction.to_array(), depth_m: way.depth_m, bent_m };
-            } else if memory.part.owner() != owner {
+                let bent_m = if memory.owner == owner { memory.bent_m } else { [0.0; 3] };
+                *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m, bent_m };
+            } else if memory.owner != owner {
                 *memory = Memory::default();
             } else {
-                (memory.part, memory.depth_m) = (part, way.depth_m);
+                memory.depth_m = way.depth_m;
             }
         }
     }
@@ -317,7 +310,7 @@ const FIRST_BY_M: f32 = 2.5e-4;
 /// none, but in objects that it does not meet.
 fn to_remember((hits, ways): (&[Hit], &[Way]), tissue: &Tissue<'_>, spared: &Spared<'_>, memory: &Memory) -> Option<usize> {
     let is_met = |h: &usize| !spared.holds(hits[*h].point, tissue.owner(hits[*h].tet));
-    let is_known = |h: &usize| memory.direction != [0.0; 3] && memory.part.owner() == tissue.owner(hits[*h].tet);
+    let is_known = |h: &usize| memory.direction != [0.0; 3] && memory.owner == tissue.owner(hits[*h].tet);
     let is_sure = |h: &usize| ways[*h].source != Source::Fallback as u32;
     let met = (0..hits.len()).filter(is_met);
     let known = met.clone().find(is_known);

@@ -1,7 +1,6 @@
 //! What the penetration step reads and writes.
 
 use crate::graph::PointGraph;
-use crate::part::Part;
 use crate::topology::Topology;
 use crate::types::{Hit, Points, Tissue};
 use bytemuck::{Pod, Zeroable};
@@ -42,14 +41,14 @@ pub enum Source {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 pub struct Memory {
-    /// The tet that the point was in, or that behind the face by which it went into what it has passed, and its object.
-    pub part: Part,
+    /// Object of the tet that the point was in.
+    pub owner: u32,
     /// Unit vector out of the tissue, or zero.
     pub direction: [f32; 3],
     /// How deep it was along that, metres.
     pub depth_m: f32,
     /// How far it has gone along the tissue before what it sticks to, metres: who computes forces writes it, and it is kept for as long as the point is in that
-    /// object, and pressed. Of two objects, or parts, a point remembers the one that it came into first; the other lets go of it in each step.
+    /// object, and pressed. Of two objects a point remembers the one that it came into first; the other lets go of it in each step.
     pub bent_m: [f32; 3],
 }
 
@@ -92,11 +91,8 @@ impl Spared<'_> {
 /// What the step reads.
 #[derive(Debug, Clone, Copy)]
 pub struct PenetrationInput<'a> {
-    /// All hits, sorted by point, as [`crate::merge`] leaves them.
+    /// All hits, sorted by point and tet, as [`crate::merge`] leaves them.
     pub hits: &'a [Hit],
-    /// Of each of the hits whether it lies behind another part of its object, through which the point has come: those that do and those that do not are as of
-    /// two objects. Of none, where it is empty.
-    pub behind: &'a [bool],
     /// Positions of all points, metres.
     pub points_m: &'a [[f32; 3]],
     /// Whom the points belong to.

@@ -23,15 +23,6 @@ pub struct Exit {
     pub face: (u32, usize),
 }
 
-/// Where a straight way ends.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum End {
-    /// In this tet.
-    Inside(u32),
-    /// At the surface, which it crosses before.
-    Out(Exit),
-}
-
 /// Walks from `from`, inside tet `start`, towards `to`, and gives the first crossing of the surface on the way.
 ///
 /// `None` if the way ends inside, begins in a flat tet, or goes round. `normal` is the outward normal of a node, of any length.
@@ -40,22 +31,8 @@ pub(crate) fn exit_along(
     topology: &Topology,
     normal: impl FnMut(u32) -> Vec3,
     start: u32,
-    way: (Vec3, Vec3),
-) -> Option<Exit> {
-    match walk(tissue, topology, normal, start, way)? {
-        End::Inside(_) => None,
-        End::Out(exit) => Some(exit),
-    }
-}
-
-/// The same way, as far as it goes; `None` if it begins in a flat tet, or goes round.
-pub(crate) fn walk(
-    tissue: &Tissue<'_>,
-    topology: &Topology,
-    normal: impl FnMut(u32) -> Vec3,
-    start: u32,
     (from, to): (Vec3, Vec3),
-) -> Option<End> {
+) -> Option<Exit> {
     let (mut tet, mut entry, mut reached) = (start, NONE, 0f32);
     let (mut farthest, mut still) = (0f32, 0);
     while still < MOST_STILL {
@@ -68,11 +45,11 @@ pub(crate) fn walk(
                 reached = reached.max(reached + flat.beyond(face));
             }
             if reached > 1.0 {
-                return Some(End::Inside(tet));
+                return None;
             }
             if neighbours[face] == NONE {
                 let on_face = (flat.outward(face), flat.weights(face));
-                return crossing(tissue, normal, on_face, (tet, face), from.lerp(to, reached)).map(End::Out);
+                return crossing(tissue, normal, on_face, (tet, face), from.lerp(to, reached));
             }
             (entry, tet, still) = (tet, neighbours[face], still + 1);
             continue;
@@ -89,12 +66,12 @@ pub(crate) fn walk(
         let (s, face) = best?;
         reached = reached.max(s);
         if reached.is_nan() || reached > 1.0 {
-            return (reached > 1.0).then_some(End::Inside(tet));
+            return None;
         }
         if neighbours[face] == NONE {
             let point_m = from.lerp(to, reached);
             let on_face = (-Vec3::from_array(test.gradient(face)), test.weights_at(point_m.to_array()));
-            return crossing(tissue, normal, on_face, (tet, face), point_m).map(End::Out);
+            return crossing(tissue, normal, on_face, (tet, face), point_m);
         }
         (entry, tet) = (tet, neighbours[face]);
         (farthest, still) = if reached > farthest { (reached, 0) } else { (farthest, still + 1) };
@@ -104,19 +81,9 @@ pub(crate) fn walk(
 
 /// Whether a straight way from a point in a tet along a unit vector leaves the part that the tet belongs to within so many metres; not if the tet is flat. What
 /// lies in or before that part, of the same object or of another one, is not looked at.
-pub fn leads_out(tissue: &Tissue<'_>, topology: &Topology, tet: u32, way: ([f32; 3], [f32; 3], f32)) -> bool {
-    exit_of(tissue, topology, tet, way).is_some()
-}
-
-/// Where such a way leaves that part.
-pub fn exit_of(
-    tissue: &Tissue<'_>,
-    topology: &Topology,
-    tet: u32,
-    (from_m, along, most_m): ([f32; 3], [f32; 3], f32),
-) -> Option<Exit> {
+pub fn leads_out(tissue: &Tissue<'_>, topology: &Topology, tet: u32, (from_m, along, most_m): ([f32; 3], [f32; 3], f32)) -> bool {
     let (from, along) = (Vec3::from_array(from_m), Vec3::from_array(along));
-    exit_along(tissue, topology, |_| Vec3::ZERO, tet, (from, from + most_m * along))
+    exit_along(tissue, topology, |_| Vec3::ZERO, tet, (from, from + most_m * along)).is_some()
 }
 
 /// The normal at a crossing, where the tet's corners have these weights and its face this normal, outward and of any length.

@@ -162,18 +162,13 @@ fn a_workspace_that_was_another_meshs_finds_what_a_new_one_finds() {
 
 /// The wall and a slab of another object, 2 mm thick, whose free side is so far beyond that of the wall, and the tool. The wall has the lower tets.
 fn poke_with_slab(beyond_m: f32) -> Poke {
-    poke_with_slab_of(2, beyond_m)
-}
-
-/// The same with a slab of that object.
-fn poke_with_slab_of(owner: u32, beyond_m: f32) -> Poke {
     let (mut positions_m, mut tets) = wall();
     let (of_slab_m, of_slab) = block([12, 12, 1], 2.0 * MM, [-12.0 * MM, -12.0 * MM, beyond_m]);
     let (first, of_wall) = (positions_m.len() as u32, tets.len());
     positions_m.extend(of_slab_m);
     tets.extend(of_slab.iter().map(|tet| tet.map(|node| node + first)));
     let mut poke = Poke::new(positions_m, tets, &tool_at([0.0; 3]));
-    poke.tet_owner[of_wall..].fill(owner);
+    poke.tet_owner[of_wall..].fill(2);
     poke.topology = Topology::new(&poke.tets, &poke.tet_owner, &poke.positions_m).unwrap();
     poke
 }
@@ -184,7 +179,7 @@ fn known(beyond_m: f32, tips_m: &[f32]) -> Vec<(usize, u32, f32)> {
     let at = |tip_m: &f32| {
         let tool = tool_at([0.3 * MM, 0.1 * MM, *tip_m]);
         let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
-        (out.iter().filter(|found| found.point == 0).count(), poke.memory[0].part.owner(), poke.memory[0].depth_m)
+        (out.iter().filter(|found| found.point == 0).count(), poke.memory[0].owner, poke.memory[0].depth_m)
     };
     tips_m.iter().map(at).collect()
 }
@@ -204,25 +199,6 @@ fn of_two_objects_a_point_remembers_the_one_that_it_came_into_first() {
     assert!(is_like(&within[0], (1, 1, 0.5 * MM)) && is_like(&within[1], (2, 1, 2.1 * MM)), "{within:?}");
 }
 
-/// The tip has come through the slab into the wall; as of one part it left by the slab's free side.
-#[test]
-fn what_lies_behind_another_part_of_its_object_leaves_as_what_lies_behind_another_object() {
-    let tool = tool_at([0.3 * MM, 0.1 * MM, 1.0 * MM]);
-    let found = |owner: u32, is_behind: bool| {
-        let mut poke = poke_with_slab_of(owner, -2.1 * MM);
-        let of_slab = poke.tets.len() - 6 * 12 * 12;
-        poke.behind_below = if is_behind { of_slab as u32 } else { 0 };
-        poke.depths(&tool.points_m, [0.0, 0.0, -1.0])
-    };
-    let of_another = found(2, false);
-    let is_tip = |found: &&Penetration| found.point == 0;
-    let depth_m = of_another.iter().find(is_tip).map(|found| found.depth_m);
-    assert!(depth_m.is_some_and(|depth_m| (depth_m - MM).abs() < 0.05 * MM), "{depth_m:?}");
-    assert_eq!(found(1, true), of_another);
-    let joined_m = found(1, false).iter().find(is_tip).map(|found| found.depth_m);
-    assert!(joined_m.is_some_and(|depth_m| depth_m > 2.0 * MM), "what is not behind is of one part: {joined_m:?}");
-}
-
 /// Jaws that lie in what they hold and in the wall behind it knew what they held alone, and rubbed on nothing.
 #[test]
 fn what_a_point_does_not_meet_it_does_not_remember() {
@@ -234,7 +210,7 @@ fn what_a_point_does_not_meet_it_does_not_remember() {
         assert_eq!(out.iter().filter(|found| found.point == 0).count(), 2, "it lies in both");
         poke.memory[0]
     };
-    assert_eq!([&[][..], &[2], &[1]].map(|spared| remembered(spared).part.owner()), [2, 1, 2]);
+    assert_eq!([&[][..], &[2], &[1]].map(|spared| remembered(spared).owner), [2, 1, 2]);
     assert_eq!(remembered(&[1, 2]), Memory::default());
 }
 

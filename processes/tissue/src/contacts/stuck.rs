@@ -8,7 +8,7 @@ use super::{Contacts, LAW, believed_m};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use hyst_contact::{Memory, Part};
+use hyst_contact::Memory;
 use hyst_tissue::{Scratch, StateRef};
 
 /// What a node sticks to, as the state has it; all zero where it is nothing.
@@ -55,7 +55,7 @@ impl Stuck {
 pub(super) fn recall(world: &World, stuck: &[Stuck], of_tissue: &mut [Memory]) {
     for (memory, node) in of_tissue.iter_mut().zip(&world.points.node[world.points.tool..]) {
         let Stuck { owner, out, .. } = stuck.get(*node as usize).copied().unwrap_or_default();
-        *memory = Memory { part: Part::of(owner, None), direction: out, ..Memory::default() };
+        *memory = Memory { owner, direction: out, ..Memory::default() };
     }
 }
 

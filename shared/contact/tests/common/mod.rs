@@ -171,8 +171,6 @@ pub struct Poke {
     pub memory: Vec<Memory>,
     /// What none of the points meets.
     pub spared: Vec<u32>,
-    /// What lies in tets of lower numbers lies behind another part of its object.
-    pub behind_below: u32,
     pub work: Workspace,
 }
 
@@ -188,7 +186,6 @@ impl Poke {
             owner: vec![TOOL; n],
             memory: vec![Memory::default(); n],
             spared: Vec::new(),
-            behind_below: 0,
             work: Workspace::new(n, 2 * n, positions_m.len()),
             positions_m,
             tets,
@@ -206,11 +203,10 @@ impl Poke {
 
     pub fn depths(&mut self, points_m: &[[f32; 3]], retreat: [f32; 3]) -> Vec<Penetration> {
         let hits = hits(points_m, &self.points(), &self.tissue(), 0.004);
-        let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work, spared, behind_below } = self;
-        let behind: Vec<bool> = hits.iter().map(|hit| hit.tet < *behind_below).collect();
+        let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work, spared } = self;
         let points = Points { owner, node: &[], own: None };
         let tissue = Tissue { positions_m, tets, tet_owner };
-        let input = PenetrationInput { hits: &hits, behind: &behind, points_m, points, graph, tissue, topology };
+        let input = PenetrationInput { hits: &hits, points_m, points, graph, tissue, topology };
         let (retreats, spared) =
             ([Retreat { owner: TOOL, direction: retreat }], Spared { points: [0, u32::MAX], objects: spared });
         let params = PenetrationParams { max_depth_m: 0.015, retreats: &retreats, spared };

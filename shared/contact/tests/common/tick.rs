@@ -105,7 +105,6 @@ impl Tick {
     fn depth(&mut self) {
         let input = PenetrationInput {
             hits: &self.hits[..self.found],
-            behind: &[],
             points_m: &self.tool.points_m,
             points: self.body.points(),
             graph: &self.body.graph,
